@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from jumpvision.experiment.stages.track import of_arrays
+from jumpvision.films.arrays.track import track as of_arrays
 from jumpvision.films.vision.ball.track import track_ball
 
 BACK, CONTRAST, PSF, FINE = 30.0, 150.0, 0.6, 8

@@ -17,9 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
-from jumpvision.engine.diagnose import Findings, diagnose
 from jumpvision.engine.fitting import Fit
 from jumpvision.engine.noise.noise import Noise
+from jumpvision.engine.order import Findings, diagnose
 from jumpvision.engine.study.particle import LAW, SENSOR, Body
 from jumpvision.engine.system import Candidate, Observation, Parameter
 

@@ -24,7 +24,7 @@ import numpy as np
 import pandas as pd
 
 from benchmarks.ball import through
-from jumpvision.experiment.stages.track import of_arrays
+from jumpvision.films.arrays.track import track as of_arrays
 
 FINE = 4  # sub-pixels of a pixel, each way: of what stands still
 ROUND = 16  # of the ball's, whose rim 4 draw wrong by a noise of some grey levels

@@ -20,17 +20,17 @@ from typing import Any
 import numpy as np
 
 from jumpvision.base.arrays import Z90
-from jumpvision.engine.diagnose import Findings, diagnose, fit_baseline
+from jumpvision.engine.document.measured import motions_alone
 from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.naming import best_starts, race
+from jumpvision.engine.order import Findings, diagnose, fit_baseline
 from jumpvision.engine.priors import Measured
 from jumpvision.engine.system import Parameter
 from jumpvision.experiment.campaign import films
-from jumpvision.experiment.campaign.document import document
-from jumpvision.experiment.results.findings import Unexplained
 from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.jumps import Jump, Shared
 from jumpvision.jumper.question.learning import Learned
+from jumpvision.jumper.question.words import diagnosis_of
 from jumpvision.laboratory.blind import campaign
 from jumpvision.laboratory.seal import answer_of, score
 
@@ -120,7 +120,7 @@ class Answer:
     @property
     def contradicts(self) -> bool:
         """Whether the confirmation says that film and jumps contradict each other."""
-        alone = films.jumps_alone(self.best, self.problem)
+        alone = motions_alone(self.best, self.problem)
         rows = films.confirmation(alone, self.system, [], self.problem.measured)
         return any(r.contradicts for r in rows)
 
@@ -163,8 +163,7 @@ def scored(answer: Answer, w: World) -> Row:
     if d is None:
         outcome, names = "right", list(w.setting.hidden)
     else:
-        unexplained = Unexplained() if d.naming and not d.naming.named else None
-        data = document(d, answer.learned, unexplained)
+        data = diagnosis_of(d, answer.learned)
         outcome, names = score(data.values, answer_of(w.setting))["outcome"], data.named
     right = set(names) & set(w.setting.hidden)
     own = {p.name for m in right if m in fit.mechanisms for p in answer.system.candidates[m].parameters}

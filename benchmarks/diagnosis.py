@@ -19,19 +19,19 @@ from typing import Any
 import numpy as np
 
 from jumpvision.engine.detect import detect, directions
-from jumpvision.engine.diagnose import diagnose, fit_baseline
 from jumpvision.engine.fitting import Problem
 from jumpvision.engine.naming import confidence_set
-from jumpvision.experiment.campaign.diagnose import leftover
-from jumpvision.experiment.campaign.document import document
+from jumpvision.engine.order import Order, fit_baseline
 from jumpvision.experiment.inputs.sections import Actuation
 from jumpvision.experiment.stages.rod import commanded
 from jumpvision.jumper.mechanisms.registry import ModelParameters
 from jumpvision.jumper.physics.forcing import from_motion
 from jumpvision.jumper.physics.model import Model
+from jumpvision.jumper.question.forms import Shaped
 from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.jumps import Jump
 from jumpvision.jumper.question.learning import learn_noise
+from jumpvision.jumper.question.words import diagnosis_of
 from jumpvision.laboratory.blind import ROBOTS, Nuisance, Recorded, Setting, campaign, choices, draw
 from jumpvision.laboratory.seal import answer_of, score
 
@@ -112,9 +112,9 @@ def run(case: Case) -> dict[str, Any]:
         out |= {"p": found.p_value, "p_chi2": found.p_chi2, "p_score": found.p_score}
         out["outcome"] = "false alarm" if found.discrepant else "right"
     else:
-        d = diagnose(system, noise, rng, scatter=scatter, by=("kind",), stops=[j.stop for j in jumps])
-        problem = Problem(system, noise, scatter)
-        data = document(d, learned, leftover(d, problem, system, lambda text: None))
+        problem, stops = Problem(system, noise, scatter), [j.stop for j in jumps]
+        d = Order(problem, rng, by=("kind",), stops=stops, shapes=lambda: Shaped(system)).all()
+        data = diagnosis_of(d, learned)
         out |= {"p": data.p_value, "named": "+".join(data.named), "status": data.status}
         out |= score(data.values, answer)
         out["described"] = list(data.unexplained.terms) if data.unexplained else []

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.engine.detect import directions
-from jumpvision.engine.diagnose import Findings, diagnose
 from jumpvision.engine.fitting import Problem
 from jumpvision.engine.noise.noise import Noise, Stretch, coefficients, estimate, spread_of
+from jumpvision.engine.order import Findings, diagnose
 from jumpvision.engine.study.particle import Body, quiet
 from jumpvision.engine.system import Candidate, Observation, Parameter
 

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.rows import Row, gather
-from jumpvision.engine.diagnose import fit_baseline
 from jumpvision.engine.fitting import Problem
+from jumpvision.engine.order import fit_baseline
 from jumpvision.engine.system import parameters
 from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.learning import learn_noise

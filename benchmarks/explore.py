@@ -20,9 +20,9 @@ import numpy as np
 from benchmarks.diagnosis import jumps_of
 from benchmarks.rows import Row, gather, share
 from jumpvision.engine.detect import detect, directions
-from jumpvision.engine.diagnose import fit_baseline
 from jumpvision.engine.fitting import Problem
 from jumpvision.engine.naming import Naming, name
+from jumpvision.engine.order import fit_baseline
 from jumpvision.engine.worth.design import Held, batch, belief, prospect
 from jumpvision.engine.worth.rehearse import log10_odds
 from jumpvision.experiment.campaign.explore.offers import Way, every, limits_of, offer

@@ -216,7 +216,7 @@ def singularity() -> None:
         momentum = []
         for law, t in zip(laws, times):
             m = simulate(model, law, t=t, rtol=1e-7, atol=1e-9)
-            mass = cone_mass(np, np.maximum(-m.foot, 0.0), **cone) * (m.mode == INTRUDE)
+            mass = cone_mass(np, z=np.maximum(-m.foot, 0.0), **cone) * (m.mode == INTRUDE)
             momentum.append(float(np.max(mass * np.abs(m.foot_velocity))))
 
         def heights(share: float, slowest: float, laws=laws, times=times, momentum=momentum) -> NDArray:

@@ -19,14 +19,13 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from jumpvision.engine.detect import Detection, detect, directions
-from jumpvision.engine.diagnose import diagnose, fit_baseline
 from jumpvision.engine.fitting import Problem
 from jumpvision.engine.noise.noise import Noise
-from jumpvision.experiment.campaign.document import document
-from jumpvision.experiment.results.findings import Unexplained
+from jumpvision.engine.order import diagnose, fit_baseline
 from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.jumps import Jump
 from jumpvision.jumper.question.learning import Learned, learn_noise
+from jumpvision.jumper.question.words import diagnosis_of
 from jumpvision.laboratory.blind import Nuisance, Recorded, Setting, campaign, choices, draw
 from jumpvision.laboratory.recordings import NU
 from jumpvision.laboratory.seal import answer_of, score
@@ -168,8 +167,7 @@ def power(case: Case) -> Row:
         found = tested(Problem(system, learned.noise, learned.scatter), rng)
         return {**told, "detected": found.discrepant, "p": found.p_value, "chi2_per_dof": found.chi2_per_dof}
     d = diagnose(system, learned.noise, rng, scatter=learned.scatter, by=("kind",), stops=stops)
-    unexplained = Unexplained() if d.naming and not d.naming.named else None
-    data = document(d, learned, unexplained)
+    data = diagnosis_of(d, learned)
     outcome = score(data.values, answer_of(setting))["outcome"]
     return {
         **told, "detected": not d.adequate, "outcome": outcome, "named": data.named, "p": d.detection.p_value,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.cli import main
-from jumpvision.experiment.results.diagnosis import Diagnosis
+from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.laboratory import recordings as logs
 from jumpvision.laboratory import write
 from jumpvision.laboratory.blind import ROBOTS

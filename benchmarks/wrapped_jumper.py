@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import jumpvision as jv
-from jumpvision.engine.diagnose import diagnose
+from jumpvision.engine.order import diagnose
 from jumpvision.engine.system import Parameter
 from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.learning import Learned, learn_noise

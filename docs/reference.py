@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import jumpvision
-from jumpvision.api import without_folder
+from jumpvision.api import stage_function
 from jumpvision.base.schema import InputError
+from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.experiment.inputs.experiment import Campaign, Experiment
-from jumpvision.experiment.results.diagnosis import Diagnosis
 from jumpvision.experiment.workflow.stage import results_stages
 
 TARGET = Path(__file__).with_name("api.md")
@@ -45,11 +45,11 @@ def members(kind: type) -> list[str]:
 
 def of_function(name: str) -> str:
     """A function of `jv`: how it is called, of a folder and of arrays, and its help."""
-    function = getattr(jumpvision, name)
+    function = stage_function(name) if name in jumpvision.OF_ARRAYS else getattr(jumpvision, name)
     calls = [f"jv.{name}{signature(function)}"]
     if name in {s.name for s in results_stages()}:
         calls = [f"jv.{name}(experiment, *, results=None) -> {function.__annotations__['return'].__name__}"]
-        calls += [f"jv.{name}{signature(of)}" for of in (without_folder(name),) if of]
+        calls += [f"jv.{name}{signature(of)}" for of in map(jumpvision.of_arrays, {name} & jumpvision.OF_ARRAYS.keys())]
     return "\n\n".join([f"### {name}", "```python\n" + "\n".join(calls) + "\n```", inspect.cleandoc(function.__doc__)])
 
 
@@ -64,32 +64,35 @@ def stub() -> str:
     stages = results_stages()
     lines = [
         "# made by `python docs/reference.py`",
+        "from collections.abc import Callable",
         "from typing import Any, overload",
         "import pandas as pd",
         "import xarray as xr",
         "from .api import Folder, PathLike",
-        *(f"from .api import {verb} as {verb}" for verb in jumpvision.VERBS + jumpvision.TYPES),
+        *(f"from .{module} import {name} as {name}" for name, module in (jumpvision.VERBS | jumpvision.TYPES).items()),
         *(f"from {s.output.__module__} import {s.output.__name__}" for s in stages),
         "",
         "__version__: str",
         "__all__: list[str]",
-        "VERBS: tuple[str, ...]",
-        "TYPES: tuple[str, ...]",
+        "VERBS: dict[str, str]",
+        "TYPES: dict[str, str]",
+        "OF_ARRAYS: dict[str, str]",
+        "def of_arrays(name: str) -> Callable[..., Any]: ...",
         "",
         *(
             f"def {s.name}(experiment: Folder, *, results: PathLike | None = ...) -> {s.output.__name__}: ..."
             for s in stages
-            if not without_folder(s.name)
+            if s.name not in jumpvision.OF_ARRAYS
         ),
         *(
             line
             for s in stages
-            if (of := without_folder(s.name))
+            if s.name in jumpvision.OF_ARRAYS
             for line in (
                 "@overload",
                 f"def {s.name}(experiment: Folder, *, results: PathLike | None = ...) -> {s.output.__name__}: ...",
                 "@overload",
-                f"def {s.name}{signature(of)}: ...",
+                f"def {s.name}{signature(jumpvision.of_arrays(s.name))}: ...",
             )
         ),
     ]

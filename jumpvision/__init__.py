@@ -7,13 +7,40 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Callable
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 __version__ = "0.1.0"
-VERBS = ("open", "run", "diagnose", "sweep", "plan", "ringdown", "triangulate")
-TYPES = ("Recording", "Study", "Parameter", "Mechanism", "Channel")  # what diagnose takes of a user's own simulator
+VERBS = {  # name: the module that has it
+    "open": "api",
+    "run": "api",
+    "diagnose": "api_study",
+    "sweep": "api",
+    "plan": "api",
+    "ringdown": "estimate.oscillation",
+    "flights": "estimate.free_flight",
+    "triangulate": "films.arrays.space",
+}
+TYPES = {  # what diagnose takes of a user's own simulator
+    "Recording": "engine",
+    "Study": "engine",
+    "Parameter": "engine",
+    "Mechanism": "engine",
+    "Channel": "engine",
+    "Measured": "engine",
+}
+OF_ARRAYS = {  # stages that have a function of arrays, which needs no folder
+    "track": "films.arrays.track.track",
+    "piv": "films.arrays.piv.piv",
+    "paths": "films.arrays.paths.paths",
+    "bed": "films.arrays.bed.bed",
+    "crater": "films.arrays.crater.crater",
+    "intrusion": "experiment.stages.bed.intrusion.of_arrays",
+    "simulate": "experiment.stages.simulate.of_arrays",
+}
 
 
 def _compiled_code_goes() -> None:
@@ -47,18 +74,34 @@ _compiled_code_goes()
 
 def __getattr__(name: str) -> Any:
     """The notebook's functions, imported when first used: `import jumpvision` itself is light."""
-    if name in VERBS + TYPES:
-        return getattr(import_module("jumpvision.api"), name)
+    if name in VERBS or name in TYPES:
+        return getattr(import_module(f"jumpvision.{(VERBS | TYPES)[name]}"), name)
+    if name in OF_ARRAYS:
+        from jumpvision.base.doors import ArraysOrFolder
+
+        globals()[name] = found = ArraysOrFolder(of_arrays(name), partial(_stage, name))
+        return found
     if name == "__all__":
         return sorted(("__version__", *VERBS, *TYPES, *_stages()))
     if not name.startswith("_") and name in _stages():
-        globals()[name] = found = import_module("jumpvision.api").stage_function(name)
+        globals()[name] = found = _stage(name)
         return found
     raise AttributeError(f"module 'jumpvision' has no attribute '{name}'")
 
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *VERBS, *TYPES, *_stages()})
+
+
+def of_arrays(name: str) -> Callable[..., Any]:
+    """A stage's function of arrays; KeyError where it has none."""
+    module, _, function = OF_ARRAYS[name].rpartition(".")
+    found: Callable[..., Any] = getattr(import_module(f"jumpvision.{module}"), function)
+    return found
+
+
+def _stage(name: str) -> Any:
+    return import_module("jumpvision.api").stage_function(name)
 
 
 def _stages() -> tuple[str, ...]:

@@ -1,20 +1,23 @@
 # made by `python docs/reference.py`
+from collections.abc import Callable
 from typing import Any, overload
 import pandas as pd
 import xarray as xr
 from .api import Folder, PathLike
 from .api import open as open
 from .api import run as run
-from .api import diagnose as diagnose
+from .api_study import diagnose as diagnose
 from .api import sweep as sweep
 from .api import plan as plan
-from .api import ringdown as ringdown
-from .api import triangulate as triangulate
-from .api import Recording as Recording
-from .api import Study as Study
-from .api import Parameter as Parameter
-from .api import Mechanism as Mechanism
-from .api import Channel as Channel
+from .estimate.oscillation import ringdown as ringdown
+from .estimate.free_flight import flights as flights
+from .films.arrays.space import triangulate as triangulate
+from .engine import Recording as Recording
+from .engine import Study as Study
+from .engine import Parameter as Parameter
+from .engine import Mechanism as Mechanism
+from .engine import Channel as Channel
+from .engine import Measured as Measured
 from jumpvision.experiment.results.values import BedHeight
 from jumpvision.experiment.results.values import CraterShape
 from jumpvision.experiment.results.values import Geometry
@@ -30,12 +33,14 @@ from jumpvision.experiment.results.tables import Track
 from jumpvision.experiment.results.tables import RodMotion
 from jumpvision.experiment.results.values import Fits
 from jumpvision.experiment.results.tables import Simulation
-from jumpvision.experiment.results.values import Summary
+from jumpvision.experiment.results.summary import Summary
 
 __version__: str
 __all__: list[str]
-VERBS: tuple[str, ...]
-TYPES: tuple[str, ...]
+VERBS: dict[str, str]
+TYPES: dict[str, str]
+OF_ARRAYS: dict[str, str]
+def of_arrays(name: str) -> Callable[..., Any]: ...
 
 def geometry(experiment: Folder, *, results: PathLike | None = ...) -> Geometry: ...
 def flow(experiment: Folder, *, results: PathLike | None = ...) -> Flow: ...

@@ -6,8 +6,8 @@
     jv.track(experiment).table
 
 What is computed is kept where the command line keeps it, so neither computes what the other has; `results` names
-another folder. `jv.piv`, `jv.track`, `jv.bed`, `jv.crater` and `jv.intrusion` take arrays too, as `jv.ringdown` does:
-they need no folder then and write nothing.
+another folder. `jv.piv`, `jv.track`, `jv.bed`, `jv.crater` and `jv.intrusion` take arrays too, as `jv.ringdown` and
+`jv.flights` do: they need no folder then and write nothing.
 Warnings are Python warnings here. Bad calls and folders raise jumpvision.base.schema.InputError.
 """
 
@@ -24,29 +24,24 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+import jumpvision
+from jumpvision.base.record import Record
 from jumpvision.base.schema import InputError
-from jumpvision.engine.study.processes import How
-from jumpvision.engine.study.study import Channel as Channel
-from jumpvision.engine.study.study import Mechanism as Mechanism
-from jumpvision.engine.study.study import Parameter as Parameter
-from jumpvision.engine.study.study import Recording as Recording
-from jumpvision.engine.study.study import Study as Study
 from jumpvision.experiment.campaign.folder import Run, results_of, run_folder
 from jumpvision.experiment.inputs.experiment import Campaign, Experiment, open_folder
 from jumpvision.experiment.inputs.overrides import overrides_of
 from jumpvision.experiment.inputs.sections import NotApplicable
-from jumpvision.experiment.results import Record
 from jumpvision.experiment.workflow.provenance import settle
 from jumpvision.experiment.workflow.run import Plan
 from jumpvision.experiment.workflow.stage import STAGES
 from jumpvision.experiment.workflow.workspace import Workspace
-from jumpvision.report.figures import PICTURES, drawn_diagnosis
+from jumpvision.report.figures import PICTURES, diagnosis_png
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from jumpvision.experiment.results.diagnosis import Diagnosis
+    from jumpvision.engine.document.diagnosis import Diagnosis
 
 PathLike = str | os.PathLike[str]
 Folder = Experiment | Campaign | str | os.PathLike[str]
@@ -76,11 +71,9 @@ def stage_function(name: str) -> Callable[..., Record]:
     from jumpvision.experiment.workflow.stage import stage_named
 
     made = stage_named(name)
-    of_arrays = without_folder(name)
+    of_arrays = jumpvision.of_arrays(name) if name in jumpvision.OF_ARRAYS else None
 
     def function(experiment: Any, *more: Any, results: PathLike | None = None, **settings: Any) -> Any:
-        if of_arrays and not isinstance(experiment, Experiment | Campaign | str | os.PathLike):
-            return of_arrays(experiment, *more, **settings)
         if more or settings:
             given = ", ".join([*map(repr, more), *settings])
             raise InputError([f"{name}: {given}: a folder's settings stand in its TOML, or in open(..., set=[...])"])
@@ -101,63 +94,6 @@ def stage_function(name: str) -> Callable[..., Record]:
     return function
 
 
-def without_folder(name: str) -> Callable[..., Any] | None:
-    """A stage's function of arrays: `of_arrays` of its module; None where it has none."""
-    from jumpvision.experiment.workflow.stage import stage_named
-
-    module = importlib.import_module(stage_named(name).function.__module__)
-    found: Callable[..., Any] | None = getattr(module, "of_arrays", None)
-    return found
-
-
-def ringdown(time_s: Any, x: Any, sigma: Any = None) -> pd.DataFrame:
-    """What a free oscillation x (n,), in any unit, at time_s (n,) [s] tells: a row a fit, as in fits.json.
-
-    sigma: standard uncertainty of x, (n,) or one number; default: what a smooth curve leaves of neighbouring samples.
-    Rows: zeta, frequency_hz, omega0, ring_amplitude, ring_offset (unit of x), and the share of the energy lost to
-    viscous damping, quadratic drag and dry friction, with the chance of each alone. NaN samples are left out; a fit
-    that the data do not allow has its `reason`. Raises ValueError for arrays of different lengths.
-
-    Example: jv.ringdown(time_s, height_m).loc["zeta", ["value", "sigma"]]
-    """
-    from jumpvision.experiment.results.values import Fits
-    from jumpvision.experiment.stages.fit import ringdown_of_arrays
-
-    return Fits(ringdown_of_arrays(time_s, x, sigma)).table
-
-
-def triangulate(
-    first: pd.DataFrame,
-    second: pd.DataFrame,
-    marks: Any,
-    seen_first: Any,
-    seen_second: Any,
-    *,
-    offset: float = 0.0,
-    ball_diameter: float = 0.0,
-    lens: bool = False,
-    window: int = 7,
-) -> pd.DataFrame:
-    """One body in space from two cameras: a row a frame of the first camera.
-
-    first, second: tables with time_s, x_px, y_px, sigma_px, as `jv.track` gives (x right, y down, no axes needed).
-    marks: (n, 3) [m], n >= 6, places that both cameras saw, not in one plane; seen_first, seen_second: (n, 2) column,
-    row [px] of them. offset [s]: what is added to the second camera's clock. ball_diameter [m]: of a ball, whose
-    outline is not centred on it. lens: fit each camera's radial distortion too. window: as in `jv.track`.
-
-    Columns: frame, time_s; x_m, y_m, z_m in the axes of the marks; sigma_x_m ... independent from frame to frame;
-    sigma_common_x_m ... of the calibration, shared by all frames; miss_sigma, by how much the two rays miss each other;
-    vx_m_s ... az_m_s2 with v_sigma, a_sigma (of the worst axis); flag: "" or why there is no place (all NaN then).
-    Raises InputError for marks or tables that cannot be used.
-
-    Example: jv.triangulate(jv.track(film_a, frame_rate=500), jv.track(film_b, frame_rate=500), marks, seen_a, seen_b)
-    """
-    from jumpvision.experiment.stages.bodies import triangulate as in_space
-
-    seen = (seen_first, seen_second)
-    return in_space(first, second, marks, seen, offset=offset, ball_diameter=ball_diameter, lens=lens, window=window)
-
-
 def run(folder: Folder, *, results: PathLike | None = None, workers: int = 1, pictures: bool = True) -> pd.DataFrame:
     """What `jumpvision run` does, but for the report; one row an experiment, as in jumps.csv, with the `problem`.
 
@@ -171,77 +107,17 @@ def run(folder: Folder, *, results: PathLike | None = None, workers: int = 1, pi
     for o in done.outcomes:
         for text in o.warnings:
             warnings.warn(f"{o.name}: {text}", stacklevel=2)
-    return pd.DataFrame(done.rows)
+    return pd.DataFrame([r.cells() for r in done.rows])
 
 
-def diagnose(
-    asked: Folder | Sequence[Recording] | pd.DataFrame,
-    study: Study | None = None,
-    *,
-    results: PathLike | None = None,
-    workers: int | None = None,
-    limit: float | None = None,
-    budget: int | None = None,
-    keep: PathLike | None = None,
-    avoid: bool = False,
-    progress: Callable[[str], None] | None = None,
-) -> Diagnosis:
-    """What a simulation gets wrong, where and why, and what mending it gains; `.values` is diagnosis.json.
-
-    Without a study, asked is a campaign (folder) of jumps whose [model] is questioned; the rest of the arguments but
-    results and workers is not used then. With one, asked is recordings of anything, or a long table with the columns
-    recording, time_s and a column a channel, and the study's own simulator is questioned (docs/any_simulator.md):
-    workers: other processes that simulate (none: this one). limit: seconds of a run (in another process). budget: most
-    runs. keep: file that keeps every run, from which a later call goes on. avoid: go round parameters at which a run
-    fails, instead of stopping. progress: told how far it is, e.g. print. Nothing is written unless results names a
-    folder: diagnosis.json, samples.csv, diagnosis.png, report.html.
-
-    Example: jv.diagnose("my_campaign").sentence
-    """
-    if study is not None:
-        how = How(workers or 0, limit, budget, _path(keep), avoid, progress)
-        return _diagnose_study(asked, study, how, _path(results))
+def questioned(folder: Folder, results: PathLike | None, workers: int | None) -> Diagnosis:
+    """The diagnosis of a campaign, for `jv.diagnose`. Raises InputError where it cannot be questioned."""
     from jumpvision.experiment.campaign.folder import DIAGNOSED
 
-    if not isinstance(asked, Experiment | Campaign | str | os.PathLike):
-        raise InputError(["diagnose: recordings need the study that simulates them: jv.diagnose(recordings, study)"])
-    diagnosed = partial(Plan, stages=DIAGNOSED, whole=False)
-    found = _run(asked, diagnosed, results, workers or 1, pictures=False, ask=True).diagnosis
+    plan = partial(Plan, stages=DIAGNOSED, whole=False)
+    found = _run(folder, plan, results, workers or 1, pictures=False, ask=True).diagnosis
     assert found is not None  # a campaign that cannot be questioned raises
     return found
-
-
-def _diagnose_study(asked: Any, study: Study, how: How, results: Path | None) -> Diagnosis:
-    from jumpvision.experiment.campaign.study import question_study
-    from jumpvision.report.figures.diagnosis import study_picture
-    from jumpvision.report.pages.study import write_study
-
-    if not isinstance(study, Study):
-        raise InputError([f"diagnose: study is a {type(study).__name__}; make it with jv.Study(simulate, ...)"])
-    if isinstance(asked, Experiment | Campaign | str | os.PathLike):
-        raise InputError(["diagnose: a folder and a study: use `jumpvision diagnose FOLDER --simulator MODULE:NAME`"])
-    if hasattr(asked, "columns"):
-        asked = Recording.of_table(asked, [c.name for c in study.channels])
-    found = question_study(list(asked), study, how)
-    if results is not None:
-        write_study(found, results, study.name or "a study")
-    for text in found.noise.warnings:
-        warnings.warn(text, stacklevel=3)
-    object.__setattr__(found, "pictures", _Pictures(partial(study_picture, found)))
-    return found
-
-
-class _Pictures:
-    """The figures of a record that draws itself, made when they are shown; a pickle of the record leaves them."""
-
-    def __init__(self, draw: Callable[[], bytes] | None) -> None:
-        self.draw = draw
-
-    def __call__(self) -> list[bytes]:
-        return [self.draw()] if self.draw else []
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _Pictures, (None,)
 
 
 def sweep(
@@ -356,7 +232,8 @@ def _pictures(experiment: Experiment, output: type, results: Path, cache: Path) 
     """The PNG figures that show a record, drawn or from the cache."""
     for module in PICTURES:
         importlib.import_module(module)
-    workspace, out = Workspace(experiment, results, cache), []
+    workspace = Workspace(experiment, results, cache)
+    out: list[bytes] = []
     for shown, stage in list(STAGES.items()):
         png = stage.picture and shown.file.endswith(".png")  # type: ignore[attr-defined]  # no films: they take long
         if png and stage.inputs[0].type is output and not workspace.missing(shown):
@@ -376,4 +253,4 @@ def _run(
 ) -> Run:
     opened = _opened(folder)
     made = plan(*_places(opened, results), pictures=PICTURES if pictures else (), command="jumpvision.run()")
-    return run_folder(opened, made, workers=workers, ask=ask, draw=drawn_diagnosis, say=_warn)
+    return run_folder(opened, made, workers=workers, ask=ask, draw=diagnosis_png, say=_warn)

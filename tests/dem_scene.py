@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from discs_as_piv import field_of_discs
 
 from jumpvision.cli import main
 from jumpvision.experiment.results.fields import Piv
-from jumpvision.experiment.stages.grains.vectors import field_of_discs
 from jumpvision.laboratory import write
 from jumpvision.laboratory.dem.discs import Discs
 from jumpvision.laboratory.dem.motion import Friction, Motion, discs_under_foot

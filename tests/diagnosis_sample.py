@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 from jumpvision.base.arrays import Z90
-from jumpvision.experiment.results.diagnosis import Diagnosis
-from jumpvision.experiment.results.findings import Baseline, Cause, Confirmation, Model, Noise, Parameter
+from jumpvision.engine.document.diagnosis import Diagnosis
+from jumpvision.engine.document.values import Baseline, Cause, Confirmation, Model, Noise, Parameter
 
 
 def parameter(value: float, sigma: float, unit: str = "1") -> Parameter:

@@ -132,7 +132,14 @@ DOORS = {
     "jv.track(frames)": "import numpy as np, jumpvision as jv\ny, x = np.mgrid[:64, :80]\n"
     "f = [(40 + 160 / (1 + np.exp(2 * (np.hypot(x - 30.2 - i, y - 32) - 6)))).astype('uint8') for i in range(8)]\n"
     "jv.track(np.array(f), frame_rate=500, diameter=12)",
-    "jv.diagnose(recordings, study)": "import jumpvision as jv; jv.diagnose, jv.Study",
+    "jv.diagnose(recordings, study)": "import numpy as np, jumpvision as jv\n"
+    "t, rng = np.arange(60) / 200, np.random.default_rng(0)\n"
+    "drag = jv.Mechanism('drag', [jv.Parameter('c', 0.0, (-5, 5))])\n"
+    "fall = lambda p, r: 0.5 * p['g'] * r.t**2 - p['c'] * r.t**3\n"
+    "study = jv.Study(fall, [jv.Parameter('g', 9.8, (9, 11))], [drag], [jv.Channel('y', 'm', noise=1e-3)])\n"
+    "y = [4.9 * t**2 - 0.3 * t**3 + 1e-3 * rng.standard_normal(60) for k in range(3)]\n"
+    "found = jv.diagnose([jv.Recording(f'fall {k}', t, y[k]) for k in range(3)], study)\n"
+    "assert found.named == ('drag',)",
 }
 
 

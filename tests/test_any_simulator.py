@@ -20,9 +20,9 @@ import jumpvision as jv
 from benchmarks import any_simulator, servo_axis
 from jumpvision.base.schema import InputError
 from jumpvision.cli import main
+from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.study.runs import SimulatorError
 from jumpvision.engine.study.walk import as_walk
-from jumpvision.experiment.results.diagnosis import Diagnosis
 
 T = np.arange(0.0, 2.0, 0.02)
 

@@ -20,11 +20,11 @@ from jumpvision.jumper.physics.packing import fit_packing_law
 from jumpvision.jumper.physics.sand.jump import simulate
 from jumpvision.laboratory.jumper import Law, Robot, motion_of
 from jumpvision.thesis.studies.axes import EXAMPLE, read_laws
-from jumpvision.thesis.studies.machine import machine, remembering
 from jumpvision.thesis.studies.sand.beds import DWELL
 from jumpvision.thesis.studies.sand.shared import FREQUENCIES, TYPES
+from jumpvision.thesis.studies.setup import remembering, setup_of
 
-ROBOT = machine("granular", None, {})
+ROBOT = setup_of("granular", None, {})
 CONE = ROBOT.model
 LAWS = read_laws(EXAMPLE)
 LOOSE, DENSE, CRITICAL = 0.57, 0.63, 0.605
@@ -178,7 +178,7 @@ def test_the_scale_of_the_drag_matters_at_high_frequency_on_dense_sand():
 
 def test_added_mass_is_about_four_foot_masses():
     symbols = {n: CONE.symbol(n) for n in ("C", "mu", "theta", "R", "phi", "rho")}
-    assert cone_mass(np, 0.1, **symbols) == pytest.approx(3.9 * CONE.m_f, abs=0.05 * CONE.m_f)
+    assert cone_mass(np, z=0.1, **symbols) == pytest.approx(3.9 * CONE.m_f, abs=0.05 * CONE.m_f)
 
 
 # -- the delay -------------------------------------------------------------------------------------------------------

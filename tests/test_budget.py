@@ -25,13 +25,12 @@ from jumpvision.cli import main
 from jumpvision.estimate.estimate import Estimate, independent
 from jumpvision.estimate.flight import Flights
 from jumpvision.estimate.mean import agreement
-from jumpvision.experiment.campaign.folder import JUMP_COLUMNS
 from jumpvision.experiment.campaign.measured.craters import Crater, zero_crossing
 from jumpvision.experiment.campaign.measured.intrusions import FITTED, Fitted, SlowIntrusion, bed_laws, intrusion_laws
 from jumpvision.experiment.init.measure import Picks, with_picks
 from jumpvision.experiment.init.recognise import Recording
 from jumpvision.experiment.inputs.experiment import open_experiment
-from jumpvision.experiment.inputs.parameters import BedParams, FitParams
+from jumpvision.experiment.inputs.parameters import FitParams
 from jumpvision.experiment.inputs.sections import (
     Actuation,
     Bed,
@@ -44,6 +43,7 @@ from jumpvision.experiment.inputs.sections import (
     RodVideo,
 )
 from jumpvision.experiment.results.fields import Column, ColumnGeometry, Flow, FlowGeometry
+from jumpvision.experiment.results.summary import JUMP_COLUMNS
 from jumpvision.experiment.results.tables import RodMotion, Track
 from jumpvision.experiment.results.values import BedHeight, Fits
 from jumpvision.experiment.stages.bed.height import bed, packing_common
@@ -60,7 +60,9 @@ from jumpvision.experiment.stages.recordings import (
 from jumpvision.experiment.stages.rod import rod
 from jumpvision.experiment.stages.summary import summary
 from jumpvision.experiment.stages.track import ball_motion, through, with_rest_zero
-from jumpvision.films.vision.camera import READING, camera
+from jumpvision.films.calibration import CLICKED_MARK
+from jumpvision.films.parameters import BedParams
+from jumpvision.films.vision.camera import camera
 from jumpvision.laboratory import write
 
 RECORDED = Path(__file__).parents[1] / "data_samples/loose_sand/stutter-7.0Hz-film/rod.avi"
@@ -154,7 +156,9 @@ def test_two_clicks_bring_their_own_uncertainty(tmp_path):
     picks = Picks(marks=(12.0, 40.0, 12.0, 540.0), distance=250.0)
     made_of, _ = with_picks(tmp_path, Recording("bed_image", "bed.png", ""), picks)
     assert made_of.values["scale"][0] == pytest.approx(5e-4)
-    assert made_of.values["scale_sigma"][0] == pytest.approx(5e-4 * math.sqrt(2.0) * READING / 500.0, rel=0.01)
+    assert made_of.values["scale_sigma"][0] == pytest.approx(
+        5e-4 * math.sqrt(2.0) * CLICKED_MARK.value / 500.0, rel=0.01
+    )
 
 
 @pytest.mark.parametrize("n", [3, 6])
@@ -179,7 +183,7 @@ def test_marks_state_the_error_of_their_scale(n):
 def test_two_marks_stand_for_half_a_pixel_and_win_over_the_key():
     two = Calibration(marks=((0.0, 0.0, 0.0, 0.0), (0.0, 400.0, 0.0, -0.2)))
     share = view_of(two, replace(FILM, scale_sigma=1e-4), SHAPE).scale_share
-    assert share == pytest.approx(READING * math.sqrt(2.0) / 400.0, rel=1e-12)
+    assert share == pytest.approx(CLICKED_MARK.value * math.sqrt(2.0) / 400.0, rel=1e-12)
     assert view_of(None, replace(FILM, scale_sigma=1e-5), SHAPE).scale_share == pytest.approx(0.02)
 
 
@@ -203,7 +207,9 @@ def test_what_experiments_share_is_told_by_their_apparatus(tmp_path):
     assert (a.scale, a.offset, a.rate) == (pytest.approx(0.01), 1e-3, 2e-4)
     assert a == found["b"] == found["h"] and a.apparatus != found["c"].apparatus
     assert found["d"].scale == pytest.approx(math.hypot(0.01, foreshortening(0.1)))
-    assert found["e"].scale == pytest.approx(READING * math.sqrt(2.0) / 500.0, rel=1e-4)  # the lens moves the marks
+    assert found["e"].scale == pytest.approx(
+        CLICKED_MARK.value * math.sqrt(2.0) / 500.0, rel=1e-4
+    )  # the lens moves the marks
     assert (found["f"].scale, found["g"].scale) == (0.02, 0.0)
 
 

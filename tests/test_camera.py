@@ -76,6 +76,14 @@ def oblique(world: np.ndarray) -> np.ndarray:
 GRID = np.array([[x, y] for x in (-0.08, -0.02, 0.07) for y in (-0.06, 0.01, 0.05)])
 
 
+def test_marks_in_one_line_show_no_perspective():
+    """Five marks along a ruler, one clicked 3 px beside it: no homography is determined, the similarity stands."""
+    pixel = np.column_stack([np.arange(5) * 100.0, [50.0, 50.0, 53.0, 50.0, 50.0]])
+    metre = np.column_stack([np.arange(5) * 1e-2, np.zeros(5)])
+    c = camera(**{**PLAIN, "scale": None, "marks": np.column_stack([pixel, metre])})
+    assert c.homography is None and c.scale == pytest.approx(1e-4, rel=1e-3)
+
+
 def test_marks_seen_at_an_angle_give_the_perspective():
     """Nine marks clicked to 0.1 px; other points must come out within what that leaves (0.1 px of 0.33 mm/px)."""
     rng = np.random.default_rng(5)

@@ -19,7 +19,7 @@ Z = np.linspace(0.004, 0.030, 25)
 
 def masses(z=Z):
     """Equation (33) as the force terms have it (the fit has its own form of it)."""
-    return np.array([cone_mass(np, a, C, MU, THETA, R, 0.57, DENSITY / 0.57) for a in z])
+    return np.array([cone_mass(np, z=a, C=C, mu=MU, theta=THETA, R=R, phi=0.57, rho=DENSITY / 0.57) for a in z])
 
 
 def test_the_curve_is_equation_33_also_beyond_the_complete_cone():
@@ -55,7 +55,8 @@ def test_the_added_mass_alone_does_not_tell_c_from_theta():
     assert math.isnan(cone.C) and "C tan(theta)" in cone.reason
     # another cone with the same C tan(theta) and mu/tan(theta) has the same masses
     t = math.radians(45.0)
-    other = [cone_mass(np, a, C * math.tan(THETA), MU / math.tan(THETA), t, R, 0.57, DENSITY / 0.57) for a in Z]
+    same = {"C": C * math.tan(THETA), "mu": MU / math.tan(THETA), "theta": t}
+    other = [cone_mass(np, z=a, R=R, phi=0.57, rho=DENSITY / 0.57, **same) for a in Z]
     assert np.array(other) == pytest.approx(masses(), rel=1e-12)
 
 

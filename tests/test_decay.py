@@ -18,8 +18,8 @@ from jumpvision.engine.study.particle import Body
 from jumpvision.engine.system import Observation
 from jumpvision.estimate.decay import LAWS, decay_law
 from jumpvision.estimate.flight import Flights, contact_flights, restitution
+from jumpvision.estimate.oscillation import decay_fits
 from jumpvision.estimate.ringdown import peaks_damping, ring_down
-from jumpvision.experiment.stages.fit import decay_fits
 from jumpvision.experiment.workflow.stage import StageWarning
 
 ZETA, F0 = 0.0083, 11.13
@@ -194,17 +194,17 @@ def test_a_million_samples_take_a_gigabyte_and_ten_seconds():
 import time
 from pathlib import Path
 import numpy as np
-from jumpvision.experiment.stages.fit import ringdown_of_arrays
+from jumpvision.estimate.oscillation import ringdown
 warm = np.arange(500) * 0.02
-ringdown_of_arrays(warm, np.cos(8 * warm) + np.random.default_rng(0).normal(0, 0.01, 500), 0.01)
+ringdown(warm, np.cos(8 * warm) + np.random.default_rng(0).normal(0, 0.01, 500), 0.01)
 n = 1_000_000
 t = np.arange(n) * 1e-3
 x = 0.01 * np.exp(-0.002 * t) * np.cos(8.0 * t) + np.random.default_rng(0).normal(0.0, 1e-4, n)
 began = time.process_time()
-fits = ringdown_of_arrays(t, x, 1e-4)
+fits = ringdown(t, x, 1e-4)
 peak = next(l for l in Path("/proc/self/status").read_text().splitlines() if l.startswith("VmHWM")).split()[1]
 print(time.process_time() - began, peak,
-      (fits["frequency_hz"].value - 8.0 / (2 * np.pi)) / fits["frequency_hz"].sigma, fits["decay_viscous_chance"].value)
+      (fits.value["frequency_hz"] - 8.0 / (2 * np.pi)) / fits.sigma["frequency_hz"], fits.value["decay_viscous_chance"])
 """
     out = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
     seconds, kilobytes, pull, chance = map(float, out.split())

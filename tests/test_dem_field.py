@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 from dem_scene import KINDS, Scene, disc_field, foot_path, run_discs
+from discs_as_piv import field_of_discs
 
 from jumpvision.experiment.inputs.parameters import FlowParams
 from jumpvision.experiment.inputs.sections import Bed, GrainVideo
 from jumpvision.experiment.stages.grains.flow import flow
-from jumpvision.experiment.stages.grains.vectors import field_of_discs
 from jumpvision.laboratory.dem.discs import Box
 from jumpvision.laboratory.dem.field import coarse_grain
 from jumpvision.laboratory.dem.packing import pack

@@ -13,7 +13,7 @@ from scipy.integrate import simpson
 from scipy.optimize import minimize
 
 from jumpvision.engine.detect import detect, directions
-from jumpvision.engine.diagnose import diagnose, fit_baseline
+from jumpvision.engine.document.diagnosis import strength
 from jumpvision.engine.fitting import Problem, log_volume
 from jumpvision.engine.naming import held_out_score, least_doubt
 from jumpvision.engine.noise.noise import (
@@ -28,9 +28,9 @@ from jumpvision.engine.noise.noise import (
     step_apart,
 )
 from jumpvision.engine.noise.whitening import Whitening
+from jumpvision.engine.order import diagnose, fit_baseline
 from jumpvision.engine.system import Candidate, Observation, Parameter
 from jumpvision.engine.worth.gain import apex, ratio_interval
-from jumpvision.experiment.results.diagnosis import strength
 
 FRAME = 0.005
 
@@ -124,7 +124,7 @@ def test_whitened_noise_is_white_of_unit_variance_also_over_gaps():
 
 
 def test_too_little_rest_is_said():
-    with pytest.raises(ValueError, match=r"at least 20 .* repeat trials"):
+    with pytest.raises(ValueError, match=r"at least 20 .* repeat recordings"):
         estimate([Stretch(np.arange(10) * FRAME, np.zeros(10), powers(np.arange(10) * FRAME, 0))], FRAME)
 
 

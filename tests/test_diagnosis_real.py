@@ -13,8 +13,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from benchmarks import diagnosis_real as real
 from benchmarks.ball_drops import Ball, questioned, together
-from jumpvision.engine.diagnose import diagnose
 from jumpvision.engine.noise.noise import Noise
+from jumpvision.engine.order import diagnose
 from jumpvision.engine.study.particle import LAW, UNDRIVEN, path
 
 STEP = 2 * np.pi / 40000  # rad, of the encoder

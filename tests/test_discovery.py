@@ -6,34 +6,40 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from diagnosis_sample import diagnosis
 from test_unexplained import campaign
 
 from jumpvision.engine.detect import detect, directions
-from jumpvision.engine.diagnose import Findings, fit_baseline
+from jumpvision.engine.discovery import Laws
+from jumpvision.engine.document.sentence import law_in_words
+from jumpvision.engine.document.values import Status
 from jumpvision.engine.fitting import Problem
 from jumpvision.engine.naming import Explanation, Naming
-from jumpvision.experiment.campaign.discovered import Law, Laws, discovered_of
-from jumpvision.experiment.campaign.document import law_in_words, model_toml
+from jumpvision.engine.order import Findings, Order, fit_baseline, silent
+from jumpvision.experiment.campaign.model_file import model_toml
 from jumpvision.experiment.inputs.model import read_model
 from jumpvision.jumper.mechanisms.own import acts_on, bare, parameters_with, read_own
 from jumpvision.jumper.mechanisms.registry import MECHANISMS, ModelParameters
 from jumpvision.jumper.physics.model import Model
+from jumpvision.jumper.question.discovered import JumperForms, JumperLaw
 from jumpvision.jumper.question.forms import forms
 from jumpvision.jumper.question.learning import learn_noise
+from jumpvision.jumper.question.words import words_of
 
 TRUE = 300.0  # N s/m^2, of a drag in proportion to depth and speed
 
 
 @pytest.fixture(scope="module")
-def found() -> tuple[Law, Problem]:
+def found() -> tuple[JumperLaw, Problem]:
     rng = np.random.default_rng(5)
     learned = learn_noise(campaign("granular", {"d_zv": TRUE}, "depth_rate_drag", rng))
     system = learned.system
     problem = Problem(system, learned.noise, learned.scatter)
     base = fit_baseline(problem, rng)
     test = detect(problem, base, directions(problem, base), rng)
-    nothing = Naming((), "undetermined", Explanation(base, 1.0, 0.0), (), (), 1.0, {})
-    law = Laws(problem, system, lambda text: None).law(Findings(learned.noise, base, test, [], nothing))
+    nothing = Naming((), Status.UNDETERMINED, Explanation(base, 1.0, 0.0), (), (), 1.0, {})
+    order = Order(problem, rng, laws=Laws(problem, JumperForms(system), silent))
+    law = order.beyond(Findings(learned.noise, base, test, [], nothing)).law
     assert law is not None
     return law, problem
 
@@ -41,7 +47,7 @@ def found() -> tuple[Law, Problem]:
 def test_the_law_is_found_with_its_exponents(found):
     """Exponents within three of their sigmas; the strength at the typical depth and speed, 300 x 0.02 x 0.5 = 3 N."""
     law, _ = found
-    told = discovered_of(law)
+    told = law.described
     assert told.law == "-r * sign(v) * abs(v / v_0)**p * abs(z / z_0)**n" and told.acts_on == "foot"
     values = told.parameters
     for name, true in (("p", 1.0), ("n", 1.0), ("r", TRUE * 0.02 * 0.5)):
@@ -51,7 +57,8 @@ def test_the_law_is_found_with_its_exponents(found):
     assert told.r2 > 0.95 and told.ceiling_r2 >= told.r2 and told.passive is True
     assert law.status == "complete"
     assert 0.0 < told.seen["z"][1] < 0.1 and told.seen["v"][0] < -0.05
-    assert "p = 1.0" in law_in_words(told) or "p = 0.9" in law_in_words(told)
+    said = law_in_words(told, words_of(diagnosis()), "does")
+    assert "p = 1.0" in said or "p = 0.9" in said
 
 
 @pytest.mark.parametrize("ground", ["granular", "hard"])
@@ -80,7 +87,7 @@ def test_the_law_is_written_and_read_again(found, tmp_path):
     file.write_text(model_toml(law.fit, law.system, "found"))
     spec = read_model(file)
     (read,) = spec.mechanisms
-    assert read.equation == law.law.equation and read.seen == law.seen
+    assert read.equation == law.law.equation and read.seen == law.law.seen
     assert spec.sigma["discovered_1_p"] == law.fit.sigma("discovered_1_p")
     fitted = law.system.build(law.fit.mechanisms, law.fit.named)
     given = {**spec.parameters, **{p.name: p.default for p in read.parameters}}

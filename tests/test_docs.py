@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ROOT, SAMPLES
+from house_counts import modules, wings
 from test_readme import PAGES, commands
 from test_vectors import CASES
 
@@ -25,7 +26,7 @@ import jumpvision as jv
 from jumpvision.cli import main
 from jumpvision.experiment.inputs.experiment import open_experiment
 from jumpvision.experiment.inputs.logs import read_log
-from jumpvision.thesis.studies.study import studies
+from jumpvision.thesis.studies.study import Sweep, studies
 
 DOCS = ROOT / "docs"
 BLOCK = re.compile(r"<!-- (.*?) -->\n```(bash|toml|python)\n(.*?)```(?:\n+```(toml)\n(.*?)```)?", re.S)
@@ -292,6 +293,19 @@ def test_modules_and_functions_that_a_page_names_exist(page):
         folder = re.fullmatch(r"(?:jumpvision/)?((\w+)(?:/\w+)*)/?", quoted)
         if folder and folder[2] in rooms and "/" in quoted and folder[2] != "results":
             assert any((p / folder[1]).exists() for p in PLACES), f"{page.name}: {quoted}"
+
+
+def test_names_that_contributing_shortens_exist():
+    """`module.name` of a module somewhere in the package; `s.name` of the sweep that a study is given."""
+    quoted = re.findall(r"`((\w+)\.(\w+)[^`\n]*)`", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"))
+    short = [(a, b) for text, a, b in quoted if not text.endswith(MADE) and "/" not in text and not b.isupper()]
+    assert {("folders", "open_folder"), ("s", "axis"), ("terminal", "result")} <= {*short}
+    for module, name in short:
+        if module == "s":
+            assert hasattr(Sweep, name) or name in Sweep.__annotations__, name
+        elif module not in ("jv", *wings()):
+            named = [m for m in modules() if m.endswith(f".{module}")]
+            assert any(hasattr(importlib.import_module(m), name) for m in named), f"{module}.{name}"
 
 
 def test_sections_of_the_equations_that_code_cites_exist():

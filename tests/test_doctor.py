@@ -11,8 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from jumpvision.cli import machine as doctor
-from jumpvision.cli import main
+from jumpvision.cli import doctor, main
 
 
 def test_doctor_says_what_there_is(tmp_path, capsys):

@@ -21,7 +21,7 @@ from jumpvision.engine.fitting import Problem
 from jumpvision.engine.noise.noise import Noise
 from jumpvision.engine.system import Candidate, Observation, Parameter
 from jumpvision.engine.worth.design import Held, Prospect, batch, prospect, worth
-from jumpvision.engine.worth.identify import TIMES, information, shortest, shown
+from jumpvision.engine.worth.identify import TIMES, information, limits_of_causes, shortest
 from jumpvision.engine.worth.rehearse import gain, log10_odds
 from jumpvision.experiment.campaign.explore import handover, offers
 from jumpvision.experiment.campaign.explore.history import FILE, History, Proposed, Round, read_history
@@ -232,7 +232,7 @@ class Lines:
 def test_detectable_strengths_twins_and_blind_spots_against_least_squares():
     t, noise = np.linspace(0.0, 1.0, 200), Noise(0.01, 0.0, 0.005)
     info = information(Problem(Lines([t]), noise))
-    found = {x.mechanism: x for x in shown(info, [0])}
+    found = {x.mechanism: x for x in limits_of_causes(info, [0])}
     design = np.stack([np.ones_like(t), t], axis=1)  # the zero level, and b
     for name, column in (("a", t**2), ("s", np.sin(40 * t))):
         left = column - design @ np.linalg.lstsq(design, column, rcond=None)[0]
@@ -256,7 +256,7 @@ def test_what_shows_is_looked_for_among_all_causes_twice():
 def test_the_shortest_protocol_tells_what_is_asked_and_says_what_none_can():
     short, long = np.linspace(0, 0.05, 100), np.linspace(0, 1, 100)
     info = information(Problem(Lines([short, long, short]), Noise(0.01, 0.0, 0.01)))
-    strength = TIMES * shown(info, [1])[2].from_
+    strength = TIMES * limits_of_causes(info, [1])[2].from_
     taken, never = shortest(info, {"s": strength}, 5)
     assert taken == [1] and not never
     taken, never = shortest(info, {"a": 1.0}, 5)

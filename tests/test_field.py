@@ -7,7 +7,6 @@ import pytest
 from conftest import later
 
 from jumpvision.films.grains.gradients import (
-    axisymmetric_divergence,
     correlated_variance,
     divergence,
     divergence_sigma,
@@ -106,11 +105,6 @@ def test_strain_of_known_motions():
     assert shear_rate(zero, -rate, rate, zero)[0] == pytest.approx(0.0)  # solid rotation
     assert vorticity(-rate, rate)[0] == pytest.approx(14.0)
     assert shear_rate(rate, zero, zero, rate)[0] == pytest.approx(0.0)  # plane dilation
-    # u_r = 2 r about the axis: u_r/r = 2 on both sides and on the axis
-    x = np.arange(-4, 6) * DX
-    u = 2.0 * (x[None, :] - DX) * np.ones((3, 1))
-    two, none = np.full((3, 10), 2.0), np.zeros((3, 10))
-    assert axisymmetric_divergence(two, none, u, x, DX) == pytest.approx(np.full((3, 10), 4.0))
 
 
 def test_window_overlap_is_what_averaging_over_windows_makes():

@@ -68,7 +68,7 @@ def test_a_campaign_an_experiment_and_a_sweep_list_what_they_have(results, sweep
 
 def test_no_letter_is_drawn_that_print_fonts_lack():
     """Arial, Helvetica and their like have no small digits below the line: those are set by mathtext."""
-    drawing = [f for folder in ("figures", "studies") for f in (PACKAGE / "report" / folder).glob("*.py")]
+    drawing = [f for wing in ("report", "thesis") for f in (PACKAGE / wing / "figures").glob("*.py")]
     assert len(drawing) > 10
     assert [f.name for f in drawing if re.search("[\u2080-\u209c]", f.read_text(encoding="utf-8"))] == []
 

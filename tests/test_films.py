@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from conftest import SAMPLES
 
-from jumpvision.experiment.inputs.parameters import PivParams
 from jumpvision.experiment.inputs.sections import GrainVideo, MissingKey, RodVideo
 from jumpvision.experiment.stages.grains.piv import piv
 from jumpvision.experiment.stages.recordings import open_film, open_grains
 from jumpvision.experiment.workflow.stage import StageWarning
 from jumpvision.films.frames import FrameError, open_frames
+from jumpvision.films.parameters import PivParams
 from jumpvision.laboratory import write
 
 

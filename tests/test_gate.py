@@ -397,13 +397,3 @@ def test_the_model_of_a_diagnosis_outlives_a_stage_run_with_it(tmp_path):
     assert (tmp_path / "model.toml").exists() and not (tmp_path / "jumps.csv").exists()
     assert provenance.settle_tables(tmp_path, {"a": "3"}, [], "run") == []
     assert not (tmp_path / "model.toml").exists()
-
-
-def test_a_first_run_is_known_by_its_cache(tmp_path, monkeypatch):
-    from jumpvision.cli.folders import _uncompiled
-
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    assert _uncompiled()
-    (tmp_path / "sand_0").mkdir()
-    (tmp_path / "sand_0" / "compiled._solver.locals.solve-139.py311.nbi").touch()
-    assert not _uncompiled()

@@ -9,16 +9,16 @@ from conftest import ROOT
 
 from jumpvision.jumper.physics.hard.analysis import SINGLE, STUTTER, best_by_alpha, energy_after_one_cycle
 from jumpvision.jumper.physics.hard.jump import hard_sweep, sine_rows
-from jumpvision.thesis.studies.machine import machine
 from jumpvision.thesis.studies.motions import best_jumps, grid
 from jumpvision.thesis.studies.scaling import SEARCH
+from jumpvision.thesis.studies.setup import setup_of
 from jumpvision.thesis.studies.study import Sweep, studies
 
 PAGE = (ROOT / "docs" / "hard_ground.md").read_text(encoding="utf-8")
 ROWS = [
     [c.strip() for c in line.strip("|").split("|")] for line in PAGE.splitlines() if re.match(r"\| (Table|\d)", line)
 ]
-HARD = machine("hard", None, {})
+HARD = setup_of("hard", None, {})
 SWEEP = Sweep(grid, HARD, {}, {}, 1, print)
 ROBOT = SWEEP.robot
 

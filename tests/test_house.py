@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import os
 import re
 import resource
 import subprocess
@@ -11,7 +10,7 @@ import sys
 import tomllib
 
 import pytest
-from house_counts import ROOT, circles, imports, modules, upward, wings
+from house_counts import DOORS, ROOT, circles, imports, loaded, modules, upward, wings
 
 CORE = [n for n in modules() if n.split(".")[1:2] and 2 <= wings()[n.split(".")[1]].floor <= 4]
 LABORATORY = [n for n in modules() if n.startswith("jumpvision.laboratory") and ".dem" not in n]
@@ -32,6 +31,13 @@ def test_no_two_modules_import_each_other():
     assert circles() == []
 
 
+@pytest.mark.parametrize("door", ["jv.piv(a, b)", "jv.track(frames)"])
+def test_a_function_of_arrays_loads_what_it_needs(door):
+    """No stage, no page, no laboratory: what a door opens on is read in an afternoon."""
+    files, lines = loaded(DOORS[door])
+    assert files <= 45 and lines <= 10_000
+
+
 @pytest.mark.parametrize("name", LABORATORY)
 def test_the_laboratory_shares_nothing_with_the_analysis(name):
     """An error in both would cancel: what draws recordings imports `base` alone, only the command line imports it."""
@@ -44,7 +50,7 @@ def test_only_what_shows_reads_a_truth():
     """The reader of truth.json is named by the two files that show it, and where it stands."""
     ours = [f for f in modules().values() if f.relative_to(ROOT).parts[0] != "laboratory"]
     readers = {str(f.relative_to(ROOT)) for f in ours if "truth_of" in f.read_text()}
-    assert readers == {"experiment/campaign/truth.py", "report/pages/made.py"}
+    assert readers == {"experiment/campaign/truth.py", "report/pages/report.py"}
 
 
 @pytest.mark.parametrize("name", CORE)
@@ -55,15 +61,20 @@ def test_the_core_neither_prints_nor_plots(name):
     assert "matplotlib" not in text
 
 
+def test_a_diagnosis_loads_the_engine_alone():
+    """The limits of what a user of another simulator has to load, of a diagnosis from beginning to end."""
+    files, lines = loaded(DOORS["jv.diagnose(recordings, study)"])
+    assert files <= 45 and lines <= 9000
+
+
 @pytest.mark.parametrize(
-    ("words", "seconds"), [(["--help"], 0.3), (["run", "--help"], 1.0), (["sweep", "--help"], 1.0)]
+    ("words", "seconds"), [(["--help"], 1.0), (["run", "--help"], 1.0), (["sweep", "--help"], 1.0)]
 )
 def test_help_is_fast_and_light(words, seconds):
-    """Nothing heavy is imported for --help; the bounds of its processor time are wide (aims: 0.1 and 0.3 s)."""
+    """Nothing heavy is imported for --help; the bounds of its processor time are wide (measured: 0.2 s)."""
     code = (
         "import sys; from jumpvision.cli import main; main(sys.argv[1:]);"
         "heavy = {'numpy', 'scipy', 'numba', 'pandas', 'cv2', 'av', 'xarray', 'matplotlib'};"
-        "heavy |= {'cyclopts', 'rich'} if len(sys.argv) == 2 else set();"
         "print(sorted({m.split('.')[0] for m in sys.modules} & heavy))"
     )
     began = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -73,15 +84,17 @@ def test_help_is_fast_and_light(words, seconds):
     assert out.strip().splitlines()[-1] == "[]"
 
 
-@pytest.mark.parametrize("terminal", [{"COLUMNS": "60"}, {"COLUMNS": "137"}, {"PYTHONIOENCODING": "ascii"}], ids=str)
-def test_the_page_of_help_is_what_the_library_of_the_command_line_prints(terminal):
-    """All but blanks at the ends of lines: the page is written without importing the commands, or the library."""
-    ours = "from jumpvision.cli import main; main(['--help'])"
-    theirs = "from jumpvision.cli import with_commands; with_commands()(['--help'], result_action='return_value')"
-    call = {"capture_output": True, "text": True, "check": True, "env": os.environ | {"NO_COLOR": "1"} | terminal}
-    one, other = (subprocess.run([sys.executable, "-c", code], **call).stdout for code in (ours, theirs))
-    assert [line.rstrip() for line in one.splitlines()] == [line.rstrip() for line in other.splitlines()]
-    assert len(one.splitlines()) > 40
+def test_a_calibrated_number_is_used_and_judged_by_what_is_there():
+    """A list of numbers grows stale: each is used where it says, and what judges it can be run."""
+    from jumpvision.films import calibration
+
+    records = {n: r for n, r in vars(calibration).items() if isinstance(r, calibration.Calibrated)}
+    text = "".join(f.read_text(encoding="utf-8") for n, f in modules().items() if not n.endswith("films.calibration"))
+    assert len(records) > 20
+    for name, r in records.items():
+        assert f"{name}.value" in text, name
+        assert r.judged_by == "none" or (ROOT.parent / r.judged_by).exists(), r.judged_by
+        assert re.fullmatch(r"20\d\d-\d\d-\d\d", r.date) and r.on and r.enters
 
 
 def test_the_conda_recipe_needs_what_pyproject_does():

@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
+import json
 import math
+import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from conftest import later
+from jumpvision.engine.noise.sources import of_stretches
 
 from benchmarks.diagnosis import jumps_of
 from jumpvision.engine.detect import Span, detect, directions
-from jumpvision.engine.diagnose import fit_baseline
 from jumpvision.engine.fitting import Problem
 from jumpvision.engine.noise import readings
+from jumpvision.engine.noise.learning import differences
 from jumpvision.engine.noise.noise import Noise, Stretch, powers
-from jumpvision.engine.noise.sources import of_stretches
 from jumpvision.engine.noise.whitening import axes, joined
-from jumpvision.engine.priors import Measured, known
-from jumpvision.engine.system import Parameter
+from jumpvision.engine.order import fit_baseline
+from jumpvision.engine.priors import Measured, prior_of
+from jumpvision.engine.system import Indexed, Parameter
 from jumpvision.jumper.question import jumps as apparatus
 from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.jumps import Shared
@@ -88,6 +91,15 @@ def test_what_a_source_says_of_a_noise_of_heavy_tails_is_as_uncertain_as_it_stat
 
 
 # -- wander ----------------------------------------------------------------------------------------------------------
+
+
+def test_differences_of_repeats_are_independent_and_each_has_the_noise_of_one():
+    """As a matrix over the trials: its rows are orthonormal, and what all trials share is gone."""
+    trials = [(y, np.ones(5)) for y in np.eye(5)]
+    apart, spread = (np.array(x) for x in zip(*differences(trials)))
+    np.testing.assert_allclose(apart @ apart.T, np.eye(4), atol=1e-15)
+    np.testing.assert_allclose(apart.sum(axis=1), 0.0, atol=1e-15)
+    np.testing.assert_allclose(spread, 1.0)
 
 
 @pytest.mark.parametrize("rms", [0.0, 2.0, 8.0])
@@ -245,6 +257,11 @@ def test_common_errors_move_the_prediction_as_the_apparatus_would(clean):
         assert np.median(np.abs(b - a - 1e-4 * o.t * speed)) < 0.1 * np.median(np.abs(b - a))
 
 
+def test_the_name_of_a_parameter_that_several_have_keeps_what_it_is_of():
+    name = pickle.loads(pickle.dumps(Indexed("scale", 1)))
+    assert name == "scale[1]" and (name.of, name.number) == ("scale", 1) and json.dumps({name: 1}) == '{"scale[1]": 1}'
+
+
 def test_recordings_of_two_cameras_err_apart():
     jumps, fit, priors = few()
     shared = [Shared(f"camera {i % 2}", 0.01) for i in range(4)]
@@ -268,7 +285,7 @@ def test_a_scale_that_is_off_by_what_is_stated_is_no_discrepancy(clean):
         verdict[sigma] = detect(problem, base, directions(problem, base), np.random.default_rng(1)).discrepant
         if sigma:
             assert base.named["scale[0]"] == pytest.approx(1.015, abs=3 * base.sigma("scale[0]"))
-            assert apparatus.is_common("scale[0]") and not apparatus.is_common("scale")
+            assert apparatus.is_common(Indexed("scale", 0)) and not apparatus.is_common("scale")
     assert verdict == {0.0: True, 0.01: False}
 
 
@@ -283,9 +300,9 @@ FREE = (
 
 def test_priors_and_a_measurement_are_the_gaussians_they_state():
     m = Measured(("theta", "mu", "C"), np.array([1.1, 2.0, 9.0]), np.diag([0.02**2, 0.03**2, 1.0]) + 1e-4, "film")
-    before = known(FREE, [m])
+    before = prior_of(FREE, [m])
     covariance = np.linalg.inv(before.precision + np.diag([0.0, 1e-9, 0.0]))
-    sub = m.of(("mu", "theta"))
+    sub = m.among(("mu", "theta"))
     assert sub.names == ("theta", "mu")
     prior, select = np.diag([0.1**2, 0.4**2]), np.linalg.inv(sub.covariance)
     expected = np.linalg.inv(select + np.linalg.inv(prior))
@@ -299,9 +316,9 @@ def test_the_chance_of_a_measurement_is_that_of_the_prior_prediction():
     """ln p(m) / N(m | m, S) = ln N(m | c, S + P) - ln N(m | m, S), measurements one after the other as together."""
     a = Measured(("mu",), np.array([2.9]), np.array([[0.3**2]]), "film")
     expected = -0.5 * 0.7**2 / (0.3**2 + 0.4**2) - 0.5 * math.log((0.3**2 + 0.4**2) / 0.3**2)
-    assert known(FREE, [a]).log_chance == pytest.approx(expected)
+    assert prior_of(FREE, [a]).log_chance == pytest.approx(expected)
     b = Measured(("mu",), np.array([2.5]), np.array([[0.2**2]]), "film")
-    both = known(FREE, [a, b]).log_chance
+    both = prior_of(FREE, [a, b]).log_chance
     covariance = np.full((2, 2), 0.4**2) + np.diag([0.3**2, 0.2**2])
     off = np.array([0.7, 0.3])
     together = -0.5 * off @ np.linalg.solve(covariance, off) - 0.5 * np.log(
@@ -317,7 +334,7 @@ def test_a_range_alone_says_of_a_measurement_what_its_mean_and_variance_say():
     m, s = 7.0, 0.5
     expected = -0.5 * (m - drawn.mean()) ** 2 / (s**2 + drawn.var()) - 0.5 * math.log((s**2 + drawn.var()) / s**2)
     measured = Measured(("q",), np.array([m]), np.array([[s**2]]), "film")
-    assert known((q,), [measured]).log_chance == pytest.approx(expected, abs=2e-3)
+    assert prior_of((q,), [measured]).log_chance == pytest.approx(expected, abs=2e-3)
 
 
 def test_a_measurement_sharpens_the_fit_and_stands_in_its_residuals(clean):

@@ -10,12 +10,12 @@ import pytest
 
 from benchmarks.diagnosis import jumps_of
 from jumpvision.base.schema import InputError
-from jumpvision.engine.diagnose import diagnose
 from jumpvision.engine.fitting import Problem
-from jumpvision.experiment.campaign.document import model_files
-from jumpvision.experiment.campaign.document import values as values_of
+from jumpvision.engine.order import diagnose
+from jumpvision.experiment.campaign.model_file import model_files
 from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.learning import learn_noise
+from jumpvision.jumper.question.words import values as values_of
 from jumpvision.laboratory.blind import Nuisance, campaign, draw
 
 QUIET = Nuisance(5e-5, 0.0, 0.0)

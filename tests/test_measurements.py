@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from diagnosis_sample import diagnosis
 
+from jumpvision.engine.document.measured import CONTRADICT, compared
 from jumpvision.engine.priors import Measured
 from jumpvision.estimate.estimate import Estimate
-from jumpvision.experiment.campaign.document import confirmed
-from jumpvision.experiment.campaign.films import CONTRADICT, compared
 from jumpvision.experiment.campaign.jumps import CONE, _read, _together
 from jumpvision.experiment.results.values import Fits
+from jumpvision.jumper.question.words import confirmed
 
 FITS = Fits(
     {

@@ -96,7 +96,7 @@ def test_the_cross_lies_where_the_ball_is_in_frames_shrunk_and_enlarged(rows, co
     top = min(rows // 2, 124) - 6  # below the text
     image[top : top + 24, 48:72] = 1000
     table = pd.DataFrame({"x_px": [59.5], "y_px": [top + 11.5], "flag": [""]})
-    picture = overlays.drawn(image, [table], 0, 1000.0, factor).astype(int)
+    picture = overlays.frame_with_path(image, [table], 0, 1000.0, factor).astype(int)
     assert max(picture.shape) < 2 * overlays.LONG_SIDE
     cross = np.argwhere(np.ptp(picture, axis=2) > 60)
     wanted = (np.array([top + 11.5, 59.5]) + 0.5) * zoom - 0.5

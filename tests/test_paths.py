@@ -13,10 +13,10 @@ from test_piv import camera
 
 import jumpvision as jv
 from jumpvision.base.schema import InputError
-from jumpvision.experiment.inputs.parameters import PathsParams
 from jumpvision.experiment.inputs.sections import NotApplicable
-from jumpvision.experiment.stages.grains.paths import through
+from jumpvision.films.arrays.paths import through
 from jumpvision.films.grains.grid import VectorGrid
+from jumpvision.films.parameters import PathsParams
 
 SHAPE = (136, 184)  # rows, columns
 TURN = 0.04  # rad a frame

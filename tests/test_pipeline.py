@@ -17,13 +17,14 @@ import pytest
 
 from jumpvision.base import storage
 from jumpvision.experiment.inputs.experiment import open_experiment
-from jumpvision.experiment.inputs.parameters import BedParams, FitParams
+from jumpvision.experiment.inputs.parameters import FitParams
 from jumpvision.experiment.inputs.sections import Actuation, MissingKey, MotorLog, NotApplicable, need
 from jumpvision.experiment.results.values import Values
 from jumpvision.experiment.workflow import stage as stage_module
 from jumpvision.experiment.workflow import workspace as pipeline
 from jumpvision.experiment.workflow.stage import STAGES, StageWarning, stage
 from jumpvision.experiment.workflow.workspace import NotCached, Workspace
+from jumpvision.films.parameters import BedParams
 
 CALLS: list[str] = []
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jumpvision.experiment.results import RecordError
+from jumpvision.base.record import RecordError
 from jumpvision.experiment.results.fields import TOGETHER, Piv, Planes
 
 N = 2 * TOGETHER + 3

@@ -63,20 +63,6 @@ def hard() -> Planner:
     return Planner(THESIS, LOOP, LIMITS)
 
 
-@pytest.mark.parametrize("term", [n for n, m in MECHANISMS.items() if m.law])
-def test_every_law_has_its_symbols(term, rng=None):
-    """The same function in CasADi's symbols and in numpy, on both sides of every bend."""
-    rng = np.random.default_rng(1)
-    force, names = MECHANISMS[term].law, MECHANISMS[term].symbols
-    symbols = {n: casadi.SX.sym(n) for n in names}
-    law = casadi.Function("law", list(symbols.values()), [force(transcription.SYMBOLS, **symbols)])
-    for _ in range(50):
-        values = {n: float(rng.uniform(0.01, 1.2)) for n in names} | {
-            n: float(rng.uniform(-2.0, 2.0)) for n in names if n in ("v", "a", "v_m", "stretch")
-        }
-        assert float(law(*values.values())) == pytest.approx(float(force(np, **values)), rel=1e-12, abs=1e-12)
-
-
 @pytest.mark.parametrize("model", [CONE, RFT, PLAIN], ids=["cone", "rft", "plain"])
 def test_equations_are_newtons_laws(model):
     """Motor, rod and foot one by one (docs/physics.md section 1), in numbers; the planner's come in y and X_m."""

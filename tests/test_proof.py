@@ -12,7 +12,7 @@ from conftest import later
 from scipy.special import ndtr
 
 from jumpvision.experiment.init.recognise import by_picture
-from jumpvision.experiment.stages.track import of_arrays
+from jumpvision.films.arrays.track import track as of_arrays
 from jumpvision.films.vision.ball.moving import moving_paths, still_scene
 from jumpvision.films.vision.ball.proof import proved
 from jumpvision.films.vision.ball.track import BallSettings, track_ball

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import shutil
 from dataclasses import replace
 
@@ -13,12 +14,12 @@ from diagnosis_sample import diagnosis
 
 from benchmarks import delayed, stop_go
 from benchmarks.diagnosis import Case, run
+from jumpvision.base.record import RecordError
 from jumpvision.cli import main, terminal
-from jumpvision.experiment.campaign.document import sentence
+from jumpvision.engine.document.diagnosis import Diagnosis
+from jumpvision.engine.document.values import Closest, Discovered, Estimated, Gain, Height, LeftOver, Unexplained
 from jumpvision.experiment.inputs.experiment import open_campaign
-from jumpvision.experiment.results import RecordError
-from jumpvision.experiment.results.diagnosis import Diagnosis
-from jumpvision.experiment.results.findings import Gain, Height, LeftOver, Unexplained
+from jumpvision.jumper.question.words import sentence
 
 
 def test_too_little_to_ask_is_said(tmp_path, capsys):
@@ -143,6 +144,32 @@ def test_the_errors_of_jumps_held_out_are_told_before_and_after(capsys):
     terminal.diagnosis(told, open_campaign(SAMPLES / "loose_sand"), [], as_json=False)
     said = capsys.readouterr().err
     assert "track 8.000 -> 0.200 mm" in said and "heights 9.90 -> 0.30 mm rms" in said
+
+
+LAW = Discovered(
+    law="-r * abs(v_m)**p", acts_on="carriage",
+    parameters={"r": Estimated(1.0, math.inf, "N"), "p": Estimated(1.5, 0.1, "1")},
+    seen={}, r2=0.97, passive=True, ceiling_r2=None, beside=("coulomb_friction",), stability={}, rivals=(),
+)  # fmt: skip
+
+
+def test_a_law_beside_named_mechanisms_is_said():
+    text = sentence(diagnosis(named=("coulomb_friction",), discovered=LAW, status="complete"))
+    assert (
+        "because it lacks dry friction on the rail; a force on the carriage explains the rest: -r * abs(v_m)**p" in text
+    )
+    assert "r = 1 N, p = 1.5 ± 0.1" in text
+
+
+@pytest.mark.parametrize("x", [math.nan, math.inf])
+@pytest.mark.parametrize("named", [(), ("payload",)])
+def test_a_number_that_is_not_known_reaches_no_sentence(x, named):
+    height = Height("a", "single", 6.0, 0.0, None, 0.05, x, x)
+    gain = Gain(("a",), x, x, 1.0, 1.0, x, (0.0, x), False)
+    near = None if named else Closest(("payload",), 0.5, {}, x, gain)
+    told = {"named": named, "heights": (height,), "gain": gain, "closest": near, "left_over": LeftOver(x, x, x)}
+    text = sentence(diagnosis(**told, status="partial" if named else "undetermined", discovered=None))
+    assert not re.search(r"\b(nan|inf|None)\b", text)
 
 
 def test_a_file_without_a_key_is_refused_by_its_name():

@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 
-from jumpvision.cli import main, with_commands
+from jumpvision.cli import application, main
 from jumpvision.experiment.workflow.stage import results_stages
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 SHOWN = (ROOT / "docs" / "samples.md").read_text(encoding="utf-8")
-app = with_commands()
+app = application()
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "data_samples" / "README.md"]
 
 

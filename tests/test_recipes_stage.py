@@ -14,7 +14,10 @@ from jumpvision.experiment.results.values import Slip
 from jumpvision.experiment.workflow.stage import stage
 
 
-@stage(version=1)
+@stage(
+    version=1,
+    any_of=("contact",),
+)
 def slip(contact: ContactLog, *, p: SlipParams) -> Slip:
     """Time in the air [s] from [contact_log].
 

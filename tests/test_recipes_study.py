@@ -27,7 +27,7 @@ from .study import Found, Sweep, study
 @study("weight", "hard", source="Fig 99", ranges={"gravity": np.linspace(1.0, 9.0, 5)}, values=("frequency",))
 def weight(s: Sweep) -> Found:
     """Heights of the robot's own jump against gravity."""
-    g, law = s.axis("gravity"), s.machine.values
+    g, law = s.axis("gravity"), s.setup.values
     robot = {n: law[n] for n in ("motor_mass", "rod_mass", "stiffness", "damping", "landing_loss")}
     jumps = hard_sweep(sine_rows(law["frequency"], law["amplitude"], law["phase"], law["cycles"]), gravity=g, **robot)
     lost = jumps["com_height_m"][0] - jumps["com_height_m"][-1]

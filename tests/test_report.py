@@ -22,12 +22,13 @@ from hypothesis import strategies as st
 from jumpvision.base.arrays import measured, plain_number
 from jumpvision.base.storage import write_aside
 from jumpvision.cli import main
+from jumpvision.engine.document.values import Baseline, Cause, Cell, Gain, Height, Noise, NoiseSource, Parameter
 from jumpvision.estimate.estimate import Estimate
 from jumpvision.experiment.campaign.folder import jumps_table
 from jumpvision.experiment.files import REPORT
 from jumpvision.experiment.inputs.experiment import open_campaign
 from jumpvision.experiment.results.fields import Column, ColumnGeometry
-from jumpvision.experiment.results.findings import Baseline, Cause, Cell, Gain, Height, Noise, NoiseSource, Parameter
+from jumpvision.experiment.results.summary import UNKNOWN, JumpRow, Summary, Uncertain
 from jumpvision.experiment.results.values import Fits
 from jumpvision.experiment.workflow.run import Outcome
 from jumpvision.experiment.workflow.workspace import Step
@@ -35,8 +36,8 @@ from jumpvision.films.grains.grid import VectorGrid
 from jumpvision.report.figures.diagnosis import beyond
 from jumpvision.report.figures.overlays import STRIP, ConeDrawing, webm
 from jumpvision.report.pages.charts import heights_chart, marked
-from jumpvision.report.pages.made import write_report
 from jumpvision.report.pages.quantities import UNITS, fit_rows, shown_in, small, typeset
+from jumpvision.report.pages.report import write_report
 from jumpvision.report.pages.words import INK as PEN
 from jumpvision.report.pages.words import OTHERS, campaign_words, drawing, experiment_words
 from jumpvision.report.style import MEASURED
@@ -103,7 +104,7 @@ def campaign_of(folder, n=4, picture=None):
         write_aside(out / "provenance.json", json.dumps({"command": "jumpvision run", "outputs": {"rod.csv": name}}))
         if picture:
             (out / "track.png").write_bytes(picture)
-        outcomes.append(Outcome(name, out, summary=summary))
+        outcomes.append(Outcome(name, out, summary=Summary.of(summary)))
     return open_campaign(folder / "bed"), outcomes, results
 
 
@@ -148,8 +149,10 @@ def grains_into(out):
 
 def diagnosis_of(rows):
     """One that names the added mass."""
-    tops = ((r["jump_height_m"], r["simulated_height_m"], r["jump_height_m"] + 1e-4) for r in rows)
-    heights = [Height(r["experiment"], r["kind"], 6.0, 0.0, None, *top) for r, top in zip(rows, tops)]
+    heights = []
+    for r in rows:
+        height, simulated = r.summary.jump_height.value, r.summary.simulated_height
+        heights.append(Height(r.experiment, r.kind, 6.0, 0.0, None, height, simulated, height + 1e-4))
     sources = {"stated": None, "rest": NoiseSource(5e-5, 0.02, 950), "flight": None, "repeats": None}
     return diagnosis(
         sentence=SENTENCE,
@@ -214,12 +217,12 @@ def test_the_first_screen_says_the_verdict_and_three_numbers(pages):
     assert re.search(r"<h1[^>]*>" + re.escape(SENTENCE) + "</h1>", text)
     assert re.findall(r"<dd>([^<]*)", text) == ["9.9 ", "43×", "4 "]
     said, facts = experiment_words(
-        None, {"jump_height_m": 0.02, "sigma_m": 2e-5, "simulated_height_m": 0.0345}, Fits({})
+        None, Summary("", jump_height=Uncertain(0.02, 2e-5), simulated_height=0.0345), Fits({})
     )
     assert said == "A jump rose 20.000 ± 0.020 mm; the model says 34.5 mm, 14.5 mm too high."
     assert [f[0] for f in facts] == ["20.000 ± 0.020", "+14.5"]
     said, facts = experiment_words(
-        None, {"jump_height_m": 0.02, "sigma_m": 2e-5, "simulated_height_m": 0.01999}, Fits({})
+        None, Summary("", jump_height=Uncertain(0.02, 2e-5), simulated_height=0.01999), Fits({})
     )
     assert said.endswith("the model says 19.99 mm, the same within 2σ.") and facts[1][0] == "−0.010 ± 0.020"
 
@@ -256,7 +259,7 @@ def test_a_strength_is_said_in_the_unit_of_its_size(value, unit, shown):
 
 def test_half_a_foot_is_said_where_its_mass_stands():
     mass = Fits({"added_mass_kg": Estimate(0.073, 0.001, "kg", 7, math.nan)})
-    assert [experiment_words(None, {}, mass, whole=w)[1][0][2] for w in (False, True)] == [
+    assert [experiment_words(None, UNKNOWN, mass, whole=w)[1][0][2] for w in (False, True)] == [
         "grains that move with the foot, at most (half foot, as filmed)",
         "grains that move with the foot, at most (whole foot)",
     ]
@@ -285,8 +288,8 @@ def test_the_truth_stands_beside_the_named_parameters_only_where_it_is_stated(tm
 
 def test_the_extended_model_is_drawn_against_the_apex_that_it_was_fitted_to():
     """The highest jump may come before the motor's stop, which the diagnosis does not count: 20 mm, later 18 mm."""
-    rows = [{"experiment": str(k), "kind": "single", "frequency_hz": 5.0 + k, "jump_height_m": 0.020, "sigma_m": 1e-5,
-             "simulated_height_m": 0.025} for k in range(2)]  # fmt: skip
+    jumped = Summary("", jump_height=Uncertain(0.020, 1e-5), simulated_height=0.025)
+    rows = [JumpRow(str(k), kind="single", frequency=5.0 + k, summary=jumped) for k in range(2)]
     tops = tuple(Height(str(k), "single", 5.0 + k, 0.0, None, 0.018, 0.025, 0.0181) for k in range(2))
     model, better = heights_chart(rows, diagnosis(heights=tops))["panels"][1]["series"]
     assert (model["x"], model["y"]) == ([25.0, 25.0], [20.0, 20.0])

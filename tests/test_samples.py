@@ -23,8 +23,8 @@ from diagnosis_sample import diagnosis, parameter
 
 import jumpvision as jv
 from jumpvision.cli import main
-from jumpvision.experiment.results.diagnosis import Diagnosis
-from jumpvision.experiment.results.findings import (
+from jumpvision.engine.document.diagnosis import Diagnosis
+from jumpvision.engine.document.values import (
     Closest,
     Coefficient,
     CommonError,

@@ -34,7 +34,7 @@ from jumpvision.thesis.figures.sweeps import picture
 from jumpvision.thesis.studies.animals import HUMAN
 from jumpvision.thesis.studies.axes import AXES, read_axes
 from jumpvision.thesis.studies.compute import RESULTS, write
-from jumpvision.thesis.studies.machine import machine
+from jumpvision.thesis.studies.setup import setup_of
 from jumpvision.thesis.studies.study import Call, run, studies
 from jumpvision.thesis.studies.thresholds import catapult
 
@@ -48,8 +48,8 @@ THESIS = {
 }
 A = 4e-3
 F0 = math.sqrt(5760.6 / 1.178) / (2 * math.pi)
-HARD = machine("hard", None, {})
-SAND = machine("granular", None, {})
+HARD = setup_of("hard", None, {})
+SAND = setup_of("granular", None, {})
 
 
 @functools.cache
@@ -561,7 +561,7 @@ def test_an_experiment_gives_robot_law_and_model(tmp_path):
     jump = hard_jump(**robot, forcing=sinusoid(12.0, 0.006, 1.5 * math.pi), t=None, t_end=3.0)
     assert float(data.com_height_m[1]) == pytest.approx(jump.com_height, rel=1e-12)
     with pytest.raises(InputError, match="its ground is 'hard'"):
-        machine("granular", tmp_path, {})
+        setup_of("granular", tmp_path, {})
 
 
 def test_every_axis_moves_the_jump():

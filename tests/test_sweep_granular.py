@@ -33,8 +33,8 @@ from jumpvision.laboratory.jumper import Law, motion_of
 from jumpvision.thesis.figures.sweeps import picture
 from jumpvision.thesis.studies.axes import EXAMPLE, read_laws
 from jumpvision.thesis.studies.compute import write
-from jumpvision.thesis.studies.machine import machine
 from jumpvision.thesis.studies.sand.shared import with_alpha
+from jumpvision.thesis.studies.setup import setup_of
 from jumpvision.thesis.studies.study import Call, run, studies
 
 SMALL = {  # fewer points where the defaults are for a figure
@@ -47,7 +47,7 @@ SMALL = {  # fewer points where the defaults are for a figure
     "drag-scale": {"frequency": "5:11:4"},
     "foot-radius": {"foot_radius": "0.03:0.05:3"},
 }
-SAND = machine("granular", None, {})
+SAND = setup_of("granular", None, {})
 PHI = np.repeat(np.linspace(0.57, 0.63, 9), 2)
 
 
@@ -189,7 +189,7 @@ def test_the_drag_is_fitted_to_jumps_on_beds_of_measured_packing_and_an_override
     told = capsys.readouterr().err
     assert told.count("[bed] volume_fraction = 0.6 goes before 0.5") == 2
     one = tmp_path / "jumps" / "single-8Hz-phi0.57-1"
-    robot = machine("granular", one, {})
+    robot = setup_of("granular", one, {})
     assert robot.values["phi"] == pytest.approx(0.57, abs=1e-3) and robot.phi_sigma > 0.0
     assert "as measured" in robot.name
 
@@ -212,7 +212,7 @@ def test_the_example_holds_the_printed_set():
         ("k1 = 'stiff'", "must be a number, or a table"),
         ("foot_radius = 0\nk1 = 1.0", "foot_radius = 0"),
         ("", "holds no law"),
-        ("k1 = [", "is not TOML"),
+        ("k1 = [", "not valid TOML"),
     ],
 )
 def test_a_bad_file_of_laws_is_told(text, words, tmp_path):
@@ -240,7 +240,7 @@ def test_a_constant_drag_is_that_of_the_machines_own_foot():
         wide = dataclasses.replace(
             SAND, laws=read_laws(EXAMPLE), model=dataclasses.replace(SAND.model, foot_radius=own)
         )
-        laws = with_alpha(types.SimpleNamespace(machine=wide), np.array([0.58, 0.60]), 50.0)
+        laws = with_alpha(types.SimpleNamespace(setup=wide), np.array([0.58, 0.60]), 50.0)
         np.testing.assert_allclose(laws.points([0.58, 0.60], own)["model.alpha"], 50.0, rtol=1e-12)
 
 
@@ -335,10 +335,10 @@ def test_a_model_file_replaces_the_model(tmp_path):
     assert "model.toml" in data.attrs["robot"]
     file.write_text('[model]\nterms = ["two_resistance"]\nk1 = 2100\nk2 = 2100')
     with pytest.raises(InputError, match=r"model.toml: model delta: missing"):
-        machine("granular", None, {}, model_file=file)
+        setup_of("granular", None, {}, model_file=file)
     file.write_text("k1 = 2100")
     with pytest.raises(InputError, match=r"\[model\]: missing"):
-        machine("granular", None, {}, model_file=file)
+        setup_of("granular", None, {}, model_file=file)
 
 
 ALL = [n for n, s in studies("granular").items() if not (s.of_campaign or s.any_axes)]
@@ -409,7 +409,7 @@ def test_a_bad_call_is_told_and_writes_nothing(words, told, tmp_path, capsys):
 def test_a_parameter_fitted_to_jumps_has_a_true_uncertainty():
     """Heights of the laboratory's own integrator with b against phi put in, 0.3 mm of noise: pulls of 40 fits."""
     rng, tried, sigma = np.random.default_rng(4), np.geomspace(5.0, 60.0, 25), 3e-4
-    frequency, robot = np.array([5.0, 7.0, 9.0, 11.0]), machine("granular", None, {})
+    frequency, robot = np.array([5.0, 7.0, 9.0, 11.0]), setup_of("granular", None, {})
     pulls = []
     for b in (14.0, 17.2, 22.0, 40.0):
         truth = {**samples.SAND_TRUTH, "b": b, "delta": 0.01}
@@ -461,6 +461,6 @@ def test_a_diagnosis_gives_the_robot_that_it_fitted(tmp_path):
     """A stiffness half a per cent off is a quarter of a millimetre of height."""
     file = tmp_path / "model.toml"
     file.write_text("[model]\nterms = ['linear_penetration']\nk = 2000.0\n[robot]\nspring_stiffness = 3210.0\n")
-    assert machine("granular", None, {}, model_file=file).model.k_s == 3210.0
+    assert setup_of("granular", None, {}, model_file=file).model.k_s == 3210.0
     given = {"robot": {"spring_stiffness": 3000.0}}
-    assert machine("granular", None, given, model_file=file).model.k_s == 3000.0
+    assert setup_of("granular", None, given, model_file=file).model.k_s == 3000.0

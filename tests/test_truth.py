@@ -15,6 +15,8 @@ from diagnosis_sample import causes, confirmation, diagnosis, parameter
 
 from jumpvision.base.arrays import measured
 from jumpvision.cli import terminal as show
+from jumpvision.engine.document.values import Cause
+from jumpvision.experiment.campaign.folder import Run
 from jumpvision.experiment.campaign.truth import (
     Truth,
     confirmation_rows,
@@ -25,8 +27,8 @@ from jumpvision.experiment.campaign.truth import (
 )
 from jumpvision.experiment.inputs.experiment import open_campaign
 from jumpvision.experiment.results.fields import Flow
-from jumpvision.experiment.results.findings import Cause
-from jumpvision.experiment.workflow.run import Outcome
+from jumpvision.experiment.results.summary import Summary, Uncertain
+from jumpvision.experiment.workflow.run import Outcome, Plan
 from jumpvision.report.pages.page import causes_shown
 
 SAND = SAMPLES / "loose_sand"
@@ -100,7 +102,7 @@ def test_nothing_is_said_of_a_truth_where_none_is_stated(recorded, capsys):
     d = diagnosed(["depth_drag"], {"b": parameter(17.0, 0.02)}, [confirmation("C", (2.7, 0.1), (2.6, 0.1))])
     assert not {"true", "truth is"} & {k for r in parameter_rows(d, recorded) for k in r}
     assert not {"true", "truth is"} & {k for r in confirmation_rows(d, recorded) for k in r}
-    summary = {"jump_height_m": 0.02, "sigma_m": 1e-5}
+    summary = Summary.of({"jump_height_m": 0.02, "sigma_m": 1e-5})
     assert coverage_words(recorded, [Outcome(FILM, recorded.path, summary=summary)]) == ""
     show.diagnosis(d, recorded, [], as_json=False)
     text = capsys.readouterr().out
@@ -141,9 +143,9 @@ def test_the_true_mass_is_that_of_the_laboratorys_film(campaign):
 def test_values_outside_95_per_cent_are_told_with_what_chance_leaves(campaign):
     true = json.loads((SAND / FILM / "truth.json").read_text())["summary"]
     good = {"jump_height_m": true["jump_height_m"] + 1.9e-5, "sigma_m": 1e-5, "mu": 2.0 - 0.019, "mu_sigma": 0.01}
-    outcomes = [Outcome(FILM, SAND, summary=good)]
+    outcomes = [Outcome(FILM, SAND, summary=Summary.of(good))]
     assert coverage_words(campaign, outcomes) == "The truth is inside 95 % of 2 of the 2 values with an uncertainty."
-    outcomes[0].summary["mu"] = 2.0 - 0.03
+    outcomes[0].summary = Summary.of(good | {"mu": 2.0 - 0.03})
     assert coverage_words(campaign, outcomes) == (
         "The truth is inside 95 % of 1 of the 2 values with an uncertainty, outside 95 % of "
         f"{FILM} mu (3.0 sigma): by chance about 0.1 would be."
@@ -153,14 +155,15 @@ def test_values_outside_95_per_cent_are_told_with_what_chance_leaves(campaign):
 def test_the_terminal_shows_the_tables_and_json_nothing_but_json(campaign, capsys):
     row = confirmation("added_mass", (0.146, 0.003), (0.1503, 0.0002), experiment=FILM, depth_m=0.023, unit="kg")
     d = diagnosed(["depth_drag"], {"b": parameter(17.3, 0.02)}, [row])
-    outcomes = [Outcome(FILM, SAND, summary={"jump_height_m": 0.0067, "sigma_m": 1e-5})]
+    outcomes = [Outcome(FILM, SAND, summary=Summary(FILM, jump_height=Uncertain(0.0067, 1e-5)))]
     show.diagnosis(d, campaign, [], as_json=False)
-    show.outcome(campaign, outcomes, [], SAND, [], as_json=False, single=False, diagnosis=d)
+    done = Run(campaign, False, Plan(SAND, SAND / ".cache"), outcomes, d)
+    show.outcome(done, as_json=False)
     text = capsys.readouterr().out
     assert text.count("outside 95 % (5.0 sigma)") == 2 and text.count("added mass, 23.0 mm deep") == 2
     show.diagnosis(d, campaign, [], as_json=True)
     assert json.loads(capsys.readouterr().out) == d.values
-    show.outcome(campaign, outcomes, [], SAND, [], as_json=True, single=False, diagnosis=d)
+    show.outcome(done, as_json=True)
     assert json.loads(capsys.readouterr().out)["diagnosis"] == d.values
 
 

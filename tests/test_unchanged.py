@@ -15,6 +15,7 @@ from fault_lab import results_of, run_here, write_campaign
 
 from jumpvision.base import storage
 from jumpvision.experiment.inputs.experiment import open_experiment
+from jumpvision.experiment.results.summary import JumpRow, Summary, Uncertain
 from jumpvision.experiment.workflow import cache, run, unchanged
 from jumpvision.experiment.workflow.run import Plan, run_experiment
 
@@ -110,7 +111,7 @@ def test_a_change_is_seen(place, monkeypatch, what, settled):
     change, computed = CHANGES[what]
     asked(place, monkeypatch)
     if settled:
-        monkeypatch.setattr(unchanged, "FRESH", -1e9)  # as if all had lain there for long
+        monkeypatch.setattr(storage, "FRESH", -1e9)  # as if all had lain there for long
         assert asked(place, monkeypatch)[1]
         assert asked(place, monkeypatch)[1]
     change(place.parent)
@@ -132,7 +133,7 @@ def test_an_edit_in_the_moment_of_the_run_is_seen_though_no_date_tells(place, mo
     note = next((place.parent / "results" / ".cache" / "notes").iterdir())
     noted = json.loads(note.read_text())[1]["files"][str(log)]
     monkeypatch.setattr(unchanged, "stamp", lambda f: tuple(noted[:-1]) if str(f) == str(log) else true(f))
-    monkeypatch.setattr(unchanged, "FRESH", 1e9)
+    monkeypatch.setattr(storage, "FRESH", 1e9)
     outcome, told = asked(place, monkeypatch)
     assert not told and outcome.computed
 
@@ -185,10 +186,10 @@ def test_entries_of_a_run_that_looked_into_nothing_count_as_used(place, monkeypa
     store = place.parent / "results" / ".cache"
     long_ago = time.time() - 40 * 86400
     monkeypatch.setattr(unchanged, "stamp", lambda f: storage.stamp(f)[:1])  # dates are set back here
-    monkeypatch.setattr(unchanged, "_fresh", lambda *_: False)
+    monkeypatch.setattr(unchanged, "settled", lambda *_: True)
     note = next((store / "notes").iterdir())
-    content = unchanged._read(note)
-    unchanged._write(note, {**content, "files": {f: [v[0], v[-1]] for f, v in content["files"].items()}})
+    content = storage.unsealed(note.read_text())
+    note.write_text(storage.sealed({**content, "files": {f: [v[0], v[-1]] for f, v in content["files"].items()}}))
     for f in store.glob("*/*/*"):
         os.utime(f, (long_ago,) * 2)
     os.utime(note, (long_ago,) * 2)
@@ -201,11 +202,15 @@ def test_the_table_of_jumps_is_that_of_pandas(made):
     """Written without it: its import takes longer than a run in which nothing changed."""
     from jumpvision.experiment.campaign.folder import write_jumps
 
+    jumped = Summary("b", n_jumps=3, jump_height=Uncertain(1e-7, 0.1 + 0.2), mu=Uncertain(2.0))
     rows = [
-        {"experiment": 'a "quoted", name', "n": 2, "x": 0.1 + 0.2, "problem": None},
-        {"experiment": "b", "n": 3, "x": 1e-7, "problem": "two\nlines"},
-        {"experiment": "excluded", "n": 4, "problem": "excluded: why"},
+        JumpRow('a "quoted", name', group="g", kind="single", frequency=7.0, delay=0.1 + 0.2),
+        JumpRow("b", summary=jumped, problem="two\nlines"),
+        JumpRow("c", problem="excluded: why", excluded=True),
     ]
     folder = made / "table"
     folder.mkdir()
-    assert write_jumps(rows, folder).read_text() == pd.DataFrame(rows).to_csv(index=False, lineterminator="\n")
+    cells = [r.cells() for r in rows]
+    assert write_jumps(rows, folder).read_text() == pd.DataFrame(cells, dtype=object).to_csv(
+        index=False, lineterminator="\n"
+    )

@@ -115,7 +115,7 @@ def test_pictures_are_drawn_beside_the_diagnosis_and_not_twice(tmp_path):
     opened, plan = open_folder(campaign), Plan(results, results / ".cache", pictures=PICTURES)
     outcomes = many.run_campaign(opened, plan, workers=2, done=lambda o: None)
     assert all(o.undrawn for o in outcomes)
-    with many.drawn_beside(plan, opened, outcomes, workers=2):
+    with many.drawing_beside(plan, opened, outcomes, workers=2):
         deadline = time.monotonic() + 60.0
         while all(o.undrawn for o in outcomes) and time.monotonic() < deadline:
             time.sleep(0.02)

@@ -28,11 +28,12 @@ from jumpvision.cli import main
 from jumpvision.experiment.init.edit import edited
 from jumpvision.experiment.init.measure import tilt_of
 from jumpvision.experiment.inputs.experiment import open_experiment
-from jumpvision.experiment.inputs.parameters import TrackParams
 from jumpvision.experiment.inputs.sections import Calibration, RodCorrections, RodVideo
-from jumpvision.experiment.stages.grains.piv import of_arrays
 from jumpvision.experiment.stages.track import track
-from jumpvision.films.vision.camera import READING, camera
+from jumpvision.films.arrays.piv import piv as of_arrays
+from jumpvision.films.calibration import CLICKED_MARK
+from jumpvision.films.parameters import TrackParams
+from jumpvision.films.vision.camera import camera
 
 HARD = SAMPLES / "hard_ground"
 SAND = SAMPLES / "loose_sand" / "stutter-7.0Hz-film"
@@ -260,8 +261,22 @@ def test_an_edit_changes_its_lines_and_no_other():
     kept = [line for line in TEXT.split("\n") if not any(w in line for w in ("scale =", "up =", "offset", "[clock]"))]
     assert [line for line in new.split("\n") if line in kept and line] == [line for line in kept if line]
     assert edited(new, {"rod_video": {"scale": (1e-3, "marks")}}, "f") == new  # twice is once
-    with pytest.raises(InputError, match=r"f: \[a\] cannot be edited line by line"):
-        edited("[a]\nb = [\n 1,\n]\n", {"a": {"b": ([2], "")}}, "f")
+    with pytest.raises(InputError, match=r"f: \[a\] cannot be edited"):
+        edited("a = 1\n", {"a": {"b": ([2], "")}}, "f")
+
+
+@pytest.mark.parametrize(
+    ("text", "new"),
+    [
+        ("[a]\nb = [\n 1,  # one\n]\nc = 3\n", "[a]\nb = [2]\nc = 3\n"),
+        ("a = { b = [1], c = 3 }  # all\n", "a = { b = [2], c = 3 }  # all\n"),
+        ("a.b = [1]\r\na.c = 3\r\n", "a.b = [2]\r\na.c = 3\r\n"),
+        ("# mine\n[a]\n  'b'=[1]   # why\n\n\n# end", "# mine\n[a]\n  'b'=[2]   # why\n\n\n# end"),
+    ],
+)
+def test_a_value_is_replaced_however_it_is_written(text, new):
+    assert edited(text, {"a": {"b": ([2], "")}}, "f") == new
+    assert edited(text, {"a": {"b": ([1], "again")}}, "f") == text  # nothing changes: not a byte
 
 
 def test_nothing_is_written_over_that_somebody_else_changed(tmp_path, served):
@@ -285,7 +300,7 @@ def test_nothing_is_written_over_that_somebody_else_changed(tmp_path, served):
     assert (status, said) == (200, {"written": [CORRECTIONS, "experiment.toml"]})
     e = open_experiment(tmp_path)
     assert e.section(RodVideo).ball_diameter == 0.0095 and e.section(RodCorrections).file == CORRECTIONS
-    assert (tmp_path / CORRECTIONS).read_text() == f"frame,x_px,y_px,sigma_px\n3,61.5,190,{READING:g}\n"
+    assert (tmp_path / CORRECTIONS).read_text() == f"frame,x_px,y_px,sigma_px\n3,61.5,190,{CLICKED_MARK.value:g}\n"
     # the scale is the ball's diameter over what was drawn, to the 1 % that it states
     assert e.section(RodVideo).scale == pytest.approx(9.5e-3 / 18, rel=0.02)
     assert Benches(tmp_path).bench.corrections() == {3: (61.5, 190.0)}

@@ -9,16 +9,16 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from jumpvision.engine.detect import detect, directions
-from jumpvision.engine.diagnose import NEIGHBOURS, explain, fit_baseline, foretell, look
+from jumpvision.engine.discovery import Laws
 from jumpvision.engine.fitting import Fit, Problem
-from jumpvision.engine.worth.gain import gain, searched
-from jumpvision.experiment.campaign.diagnose import leftover
-from jumpvision.experiment.campaign.discovered import Laws, law_gain
-from jumpvision.experiment.campaign.document import document
-from jumpvision.experiment.campaign.findings import told
+from jumpvision.engine.order import Order, fit_baseline, silent
+from jumpvision.engine.worth.gain import searched
+from jumpvision.jumper.question.discovered import JumperForms
+from jumpvision.jumper.question.forms import Shaped
 from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.jumps import Jump
 from jumpvision.jumper.question.learning import learn_noise
+from jumpvision.jumper.question.words import diagnosis_of
 
 
 @dataclass(frozen=True)
@@ -66,32 +66,27 @@ def ours(task: Task) -> Answer:
     learned = learn_noise(Jumper(task.jumps, task.ranges, task.priors, workers=1))
     system, stops = learned.system, [j.stop for j in task.jumps]
     rng = np.random.default_rng(1)
-    problem, say = Problem(system, learned.noise, learned.scatter), lambda text: None
-    laws = Laws(problem, system, say)
-    found = explain(problem, look(problem, rng, by=("kind",), say=say), rng, say=say, enough=laws.alone)
-    law = laws.law(found)
+    problem = Problem(system, learned.noise, learned.scatter)
     folds: list[Fold] = []
-    worth = (
-        (lambda: law_gain(law, problem)) if law else (lambda: gain(problem, fit_baseline, stops, rng, NEIGHBOURS, keep))
-    )
 
     def keep(part: Problem, base: Fit, rng: np.random.Generator) -> Fit:
         folds.append((part, base, searched(part, base, rng)))
         return folds[-1][2]
 
-    found = foretell(problem, found, rng, by=("kind",), stops=stops, say=say, gained=worth)
-    left = None if law else leftover(found, problem, system, lambda text: None)
-    d = document(found, learned, left, law=law)
+    laws = Laws(problem, JumperForms(system), silent)
+    shapes = lambda: Shaped(system)  # noqa: E731
+    found = Order(problem, rng, by=("kind",), stops=stops, laws=laws, shapes=shapes, choose=keep).all()
+    d, law = diagnosis_of(found, learned), found.law
     chances = {c.mechanism: c.probability for c in d.causes}
     intervals = {n: (p.low, p.high) for c in d.causes if c.mechanism in d.named for n, p in c.parameters.items()}
-    described = (law.law.equation,) if law else left.terms if left else ()
+    described = (law.described.law,) if law else found.left.terms if found.left else ()
     gained = (
         Gained(found.gain.ratio_ci95, lambda jumps: on_others(folds, task, jumps)) if found.gain and folds else None
     )
     shown = {x.mechanism: (x.parameter, x.value) for x in d.detectable}
     return Answer(
         d.adequate, d.named, d.status == "partial", d.indistinguishable, chances, intervals, described, gained, shown,
-        None if law else lambda other: shows(told(found), other),
+        None if law else lambda other: shows(found.named_fit, other),
     )  # fmt: skip
 
 

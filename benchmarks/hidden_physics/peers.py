@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from jumpvision.base.arrays import Array
-from jumpvision.engine.diagnose import fit_baseline
 from jumpvision.engine.fitting import Problem
+from jumpvision.engine.order import fit_baseline
 from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.learning import learn_noise
 

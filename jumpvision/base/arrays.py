@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
+Image = NDArray[Any]  # (rows, columns) grey, or (rows, columns, 3), at the depth it was recorded with
+Numbers = NDArray[Any]  # of any type: integers, floats, marks
 
 MAD = 0.6745  # median absolute deviation of a normal distribution over its standard deviation
 FROM_MAD = 1.4826  # the other way round

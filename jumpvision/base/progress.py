@@ -15,6 +15,8 @@ from contextvars import ContextVar
 from multiprocessing.context import BaseContext
 from typing import Protocol, TypeVar
 
+from . import compiling
+
 T = TypeVar("T")
 Hook = Callable[[str, int, int | None], None]  # (what, done, total)
 HOOK: ContextVar[Hook | None] = ContextVar("progress_hook", default=None)
@@ -76,7 +78,7 @@ def in_parts(function: Callable[..., Result], parts: Sequence[Part], *arguments:
     if n <= 1:
         yield from (function(part, *arguments) for part in parts)
         return
-    with ProcessPoolExecutor(n, mp_context=processes(), initializer=one_thread) as pool:
+    with worker_pool(n) as pool:
         waiting: deque[Future[Result]] = deque()
         try:
             for part in parts:
@@ -117,6 +119,18 @@ def share_of(parts: Sequence[Part], share: tuple[int, int]) -> Sequence[Part]:
     return parts[len(parts) * (k - 1) // n : len(parts) * k // n]
 
 
+def worker_pool(n: int, *, aside: bool = False) -> ProcessPoolExecutor:
+    """n processes, each of one thread. aside: they leave the cores to other work."""
+    return ProcessPoolExecutor(n, processes(), _begin, (aside, compiling.notice()))
+
+
+def _begin(aside: bool, notice: compiling.Notice | None) -> None:
+    compiling.pass_on(notice)
+    if aside and hasattr(os, "nice"):
+        os.nice(19)
+    one_thread()
+
+
 def one_thread() -> None:
     """Begin a worker: the processes are the parallel work. It ends when the process that started it is killed."""
     import threading
@@ -126,13 +140,6 @@ def one_thread() -> None:
 
     cv2.setNumThreads(1)
     threading.Thread(target=end_with_parent, daemon=True).start()
-
-
-def making_way() -> None:
-    """Begin a worker that leaves the cores to other work."""
-    if hasattr(os, "nice"):
-        os.nice(19)
-    one_thread()
 
 
 def end_with_parent() -> None:

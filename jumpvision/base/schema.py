@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Union, get_args, get_origin, get_type_hints
 
 REQUIRED: Any = dataclasses.MISSING
+Toml = Mapping[str, Any]  # a table as TOML has it: text, numbers, lists and tables by key
 
 
 class InputError(ValueError):
@@ -28,6 +29,26 @@ class InputError(ValueError):
 
     def __reduce__(self) -> tuple[Any, ...]:  # keeps .problems when the error crosses a process boundary
         return (type(self), (self.problems,))
+
+
+class StageWarning(UserWarning):
+    """Something a user should know about a result that stands all the same: of a stage, which keeps it with the result,
+    or of a function of arrays."""
+
+
+class Doubt(StageWarning):
+    """Two recordings, or a recording and what is declared, that contradict each other.
+
+    kind: in two or three words; recording: the section that is the likely cause; values: the numbers compared, their
+    units in their names.
+    """
+
+    def __init__(self, kind: str, message: str, recording: str = "", values: Mapping[str, float] = {}) -> None:
+        super().__init__(message)
+        self.kind, self.recording, self.values = kind, recording, dict(values)
+
+    def __reduce__(self) -> tuple[Any, ...]:  # between processes
+        return Doubt, (self.kind, str(self), self.recording, self.values)
 
 
 def harmless(text: str) -> str:
@@ -79,7 +100,7 @@ def type_of(cls: type, name: str) -> tuple[Any, bool]:
     return hint, False
 
 
-def allowed(meta: Mapping[str, Any]) -> str:
+def allowed(meta: Toml) -> str:
     """What a field may hold, in words: `in [0, 1] m`, `> 0 kg`, `one of 'a', 'b'`."""
     if meta["choices"]:
         return "one of " + ", ".join(f"'{c}'" for c in meta["choices"])
@@ -91,7 +112,7 @@ def allowed(meta: Mapping[str, Any]) -> str:
     return f"in {'(' if meta['open_lo'] else '['}{lo:g}, {hi:g}]{unit}"
 
 
-def check_value(value: Any, hint: Any, meta: Mapping[str, Any]) -> tuple[Any, str]:
+def check_value(value: Any, hint: Any, meta: Toml) -> tuple[Any, str]:
     """The value as its declared type and "", or the value and what is wrong with it."""
     base = get_origin(hint) or hint
     if base is float:
@@ -214,6 +235,7 @@ class NotApplicable(InputError):
     """A stage finds that the folder has nothing for it to do: a film without a foot has no cone. Not a failure."""
 
 
+@dataclasses.dataclass(frozen=True)
 class Section:
     """One table of the file; `name` is its TOML name."""
 

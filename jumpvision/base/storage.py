@@ -14,7 +14,7 @@ import socket
 import stat
 import time
 import uuid
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -100,27 +100,56 @@ def stamp(path: Path | str) -> Stamp:
 FRESH = 2.0  # s; disks and network drives date changes no finer: a file just changed may change again unseen
 
 
-def settled(at: Stamp) -> bool:
-    """Whether a later change of a file with this stamp would give it another stamp."""
+def settled(at: Sequence[int], when: float) -> bool:
+    """Whether a change after `when` [s since 1970] of a file that then had this stamp would have given it another."""
     changed = at[1] if os.name == "nt" else at[2]
-    return time.time() - changed / 1e9 > FRESH
+    return when - changed / 1e9 > FRESH
 
 
 def sealed(content: Mapping[str, object]) -> str:
-    """JSON text that carries its own checksum, for `unsealed`."""
-    return json.dumps({**content, "seal": _seal(content)}, indent=1)
+    """JSON text behind its own checksum, for `unsealed`."""
+    text = json.dumps(content)
+    return f'["{_seal(text)}",\n{text}]\n'
 
 
 def unsealed(text: str) -> Any:
     """The JSON object of a sealed text; ValueError where a bit of it has changed."""
-    content = json.loads(text)
-    if not isinstance(content, dict) or content.pop("seal", None) != _seal(content):
+    head, _, rest = text.partition("\n")
+    if head != f'["{_seal(rest[:-2])}",':
         raise ValueError("its checksum is wrong")
-    return content
+    return json.loads(rest[:-2])
 
 
-def _seal(content: Mapping[str, object]) -> str:
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
+def _seal(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+HASHES, NOTES = "hashes", "notes"  # folders of a cache beside its entries: what is remembered of files, and of runs
+
+
+def memory(cache: Path, kind: str, about: Path) -> Path:
+    """Where a cache holds what it remembers (HASHES or NOTES) about a file, or a folder of results."""
+    return cache / kind / (hashlib.sha256(str(about.absolute()).encode()).hexdigest()[:24] + ".json")
+
+
+def remember(cache: Path, kind: str, about: Path, content: Mapping[str, object]) -> None:
+    """Seal it for `recall`."""
+    write_aside(memory(cache, kind, about), sealed({"about": str(about.absolute()), **content}))
+
+
+def recall(cache: Path, kind: str, about: Path) -> Mapping[str, Any]:
+    """What was remembered. Raises OSError or ValueError where there is nothing, or it is damaged or of another path."""
+    found = unsealed(memory(cache, kind, about).read_text(encoding="utf-8"))
+    if found["about"] != str(about.absolute()):
+        raise ValueError(f"it is about {found['about']}")
+    return dict(found)
+
+
+def memories(cache: Path, kind: str) -> Iterator[tuple[Path, Mapping[str, Any]]]:
+    """All that can be read, with the file of each."""
+    for file in (cache / kind).glob("*.json"):
+        with contextlib.suppress(OSError, ValueError):
+            yield file, unsealed(file.read_text(encoding="utf-8"))
 
 
 class ChangedFile(OSError):
@@ -200,9 +229,6 @@ def remove_aside(folder: Path, cache: Path) -> None:
         pass
     finally:
         shutil.rmtree(aside, ignore_errors=True)
-
-
-HASHES, NOTES = "hashes", "notes"  # folders of a cache beside its entries: what is remembered of files, and of runs
 
 
 def sweep_leftovers(results: Path, cache: Path) -> None:

@@ -11,8 +11,10 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
 import numba as nb
-from numba.core import cgutils, types
+from numba.core import cgutils, event, types
 from numba.extending import intrinsic
+
+from . import compiling
 
 T = TypeVar("T")
 
@@ -168,3 +170,17 @@ else:
     @nb.njit(inline="always")
     def idle() -> int:
         return 0
+
+
+class _Compiling(event.Listener):
+    """Hears of every function that is compiled; of those, what is kept on the disk is compiled once only."""
+
+    def on_start(self, event: event.Event) -> None:
+        if event.data["dispatcher"].stats.cache_path is not None:
+            compiling.begins()
+
+    def on_end(self, event: event.Event) -> None:
+        """Whoever waits sees the results."""
+
+
+event.register("numba:compile", _Compiling())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import io
 import os
 import sys
@@ -11,7 +10,6 @@ from typing import TYPE_CHECKING
 from jumpvision import __version__
 
 from .codes import BAD_CALL, DONE, FAILED
-from .listing import listed, page
 
 if TYPE_CHECKING:
     from cyclopts import App
@@ -30,9 +28,6 @@ def main(argv: list[str] | None = None) -> int:
     if asked == ["--version"]:
         print(__version__)
         return DONE
-    if asked in ([], ["-h"], ["--help"]) and (text := page()):
-        print(text)
-        return DONE
     return _carry_out(asked)
 
 
@@ -42,8 +37,7 @@ def _carry_out(asked: list[str]) -> int:
     from jumpvision.base.schema import InputError, harmless
 
     try:
-        app = with_commands(asked[:1])
-        return int(app(asked, exit_on_error=False, print_error=False, result_action="return_value") or DONE)
+        return int(application()(asked, exit_on_error=False, print_error=False, result_action="return_value") or DONE)
     except InputError as e:
         print("\n".join(f"jumpvision: {harmless(p)}" for p in e.problems), file=sys.stderr)
         return BAD_CALL
@@ -63,11 +57,11 @@ def _carry_out(asked: list[str]) -> int:
         return 130
 
 
-def with_commands(names: list[str] | None = None) -> App:
-    """The application with the commands of these names and those of their files; all where one is unknown, or none."""
+def application() -> App:
+    """The application with all of its commands: those that the modules of this folder register."""
+    from jumpvision.experiment.workflow.stage import import_all
+
     from .app import app
 
-    known = listed()
-    for module in dict.fromkeys(known[n].module for n in (names if names and known.keys() >= {*names} else known)):
-        importlib.import_module(f"{__name__}.{module}")
+    import_all(__name__)
     return app

@@ -14,9 +14,17 @@ from jumpvision import __version__
 from .codes import BAD_CALL as BAD_CALL
 from .codes import DONE as DONE
 from .codes import FAILED as FAILED
-from .listing import ABOUT
 
+ABOUT = (
+    "From films of a jumping robot on hard ground and sand to tracks, fields, forces and tested models.",
+    "Start with: jumpvision run data_samples/loose_sand",
+)
 app = App(name="jumpvision", help="\n\n".join(ABOUT), version=__version__)
+
+
+def option(help: str, group: str | None = None) -> Parameter:
+    """What help says of an option, and under which head."""
+    return Parameter(help=help, group=group)
 
 
 @Parameter(name="*", show_default=False)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import io
 import json
-import os
 import shlex
 import sys
 from collections.abc import Callable, Mapping
@@ -18,7 +17,6 @@ from cyclopts import Group, Parameter
 from jumpvision.experiment.workflow.stage import Declared, declared
 
 from .app import DONE, FAILED, OPTIONS, Options, app, cores
-from .listing import STAGES
 
 if TYPE_CHECKING:
     from jumpvision.experiment.campaign.folder import Run
@@ -52,11 +50,12 @@ def work(
     ask: bool | None = None,
 ) -> Run:
     """Run the folder at `path`: `stages`, those of a pipeline file, or all; ask: as in run_folder."""
-    from jumpvision.experiment.campaign.folder import as_campaign, results_of, run_folder
+    from jumpvision.base.compiling import noticed
+    from jumpvision.experiment.campaign.folder import results_of, run_folder
     from jumpvision.experiment.inputs.experiment import Campaign, Experiment, folder_of
     from jumpvision.experiment.workflow.many import prepare
     from jumpvision.experiment.workflow.run import Pipeline, Plan, read_pipeline
-    from jumpvision.report.figures import PICTURES, drawn_diagnosis
+    from jumpvision.report.figures import PICTURES, diagnosis_png
 
     from . import terminal
 
@@ -80,13 +79,8 @@ def work(
     if isinstance(opened, Campaign) and (options.workers or cores()) > 1 and not profile and not plan.cache.exists():
         prepare(plan)
     elsewhere = _hand_over(opened, plan, profile, options, pipeline) if profile else None
-    on_sand = [e for e in as_campaign(opened).experiments if e.ground == "granular" and "model" in e.sections]
-    if on_sand and (plan.stages is None or "simulate" in plan.stages) and _uncompiled():
-        terminal.line(
-            "compiling for this machine, this once: half a minute of the first run, a minute where films are matched"
-        )
     total = 1 if isinstance(opened, Experiment) else len(opened.experiments)
-    with terminal.Progress(total, as_json=options.json) as progress:
+    with terminal.Progress(total, as_json=options.json) as progress, noticed(terminal.compiling):
         return run_folder(
             opened,
             plan,
@@ -94,7 +88,7 @@ def work(
             watcher=progress,
             elsewhere=elsewhere,
             ask=ask,
-            draw=drawn_diagnosis,
+            draw=diagnosis_png,
             pictured=options.pictures,
             say=lambda text: terminal.line(f"diagnose: {text}"),
         )
@@ -113,15 +107,6 @@ def _say_left_out(path: Path) -> None:
         )
 
 
-def _uncompiled() -> bool:
-    """Whether the jumper on sand has never been compiled; False where that cannot be seen from its folder."""
-    given, here = os.environ.get("NUMBA_CACHE_DIR"), Path(__file__).parents[1] / "physics" / "sand"
-    if not given and not os.access(here, os.W_OK):
-        return False  # numba keeps it in a folder of the user's
-    folders = Path(given).glob("sand_*") if given else [here / "__pycache__"]
-    return not any(True for f in folders for _ in f.glob("compiled._solver*.nbi"))
-
-
 def show(done: Run, options: Options, *, page: bool = False) -> int:
     """The end of `run` and of a stage's command: the report where asked for, the tables; the exit code."""
     from jumpvision.base.schema import InputError
@@ -135,29 +120,14 @@ def show(done: Run, options: Options, *, page: bool = False) -> int:
             list(dict.fromkeys(f"{done.campaign.path}: {why}" for o in done.outcomes for why in o.not_run))
         )
     if page and any(o.steps for o in done.outcomes):
-        from jumpvision.report.pages.made import write_report
+        from jumpvision.report.pages.report import write_report
 
         done.files.append(
             write_report(
-                done.campaign,
-                done.outcomes,
-                done.rows,
-                done.plan.results,
-                single=done.single,
-                diagnosis=done.diagnosis,
+                done.campaign, done.outcomes, done.rows, done.plan.results, single=done.single, diagnosis=done.diagnosis
             )
         )
-    terminal.outcome(
-        done.campaign,
-        done.outcomes,
-        done.rows,
-        done.plan.results,
-        done.files,
-        as_json=options.json,
-        single=done.single,
-        diagnosis=done.diagnosis,
-        told=done.told,
-    )
+    terminal.outcome(done, as_json=options.json)
     for text in done.notes:
         terminal.line(f"note: {text}")
     return FAILED if done.failed else DONE
@@ -292,7 +262,7 @@ def _add(stage: Declared) -> None:
     app.command(command, name=stage.name, group=ONE)
 
 
-ONE = Group(STAGES)
+ONE = Group("One stage, with what it needs")
 for _stage in declared().values():
     _add(_stage)
 
@@ -393,7 +363,8 @@ def diagnose(
 def _foreign(path: Path, simulator: str, limit: float, budget: int | None, options: Options) -> int:
     """A simulator that is not ours, on the tracks of a campaign."""
     from jumpvision.engine.study.processes import How, outside
-    from jumpvision.experiment.campaign.study import question_study, recordings_of
+    from jumpvision.engine.study.question import diagnose as diagnose_study
+    from jumpvision.experiment.campaign.recordings import recordings_of
     from jumpvision.report.pages.study import write_study
 
     from . import terminal
@@ -405,7 +376,7 @@ def _foreign(path: Path, simulator: str, limit: float, budget: int | None, optio
     keep = done.plan.cache / "diagnose" / "runs.sqlite"
     say = lambda text: terminal.line(f"diagnose: {text}")  # noqa: E731
     how = How(options.workers or cores(), limit, budget, keep, progress=say, source=simulator)
-    found = question_study(recordings, None, how)
+    found = diagnose_study(recordings, None, how)
     for warning in found.noise.warnings:
         terminal.line(f"warning: {warning}")
     title = f"{path.absolute().name}, {simulator}"

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from .app import DONE, app, cores
+from .app import DONE, app, cores, option
 
 if TYPE_CHECKING:
     from jumpvision.experiment.init.measure import Picks
 
 
-def _which(text: str) -> Parameter:
-    return Parameter(help=text, group="Which recording is what, where names do not say")
-
-
-def _eye(text: str) -> Parameter:
-    return Parameter(help=text, group="Chosen by eye; --pick opens the workbench for these")
+_which = partial(option, group="Which recording is what, where names do not say")
+_eye = partial(option, group="Chosen by eye; --pick opens the workbench for these")
 
 
 @Parameter(name="*", show_default=False)
@@ -165,22 +162,16 @@ def synth(
         return DONE
     show.line(f"writing {kind} to {out} ...")
     if kind.endswith(".toml") or kind == "blind":
-        from jumpvision.base.progress import HOOK
+        with show.progress():
+            if kind == "blind":
+                from jumpvision.laboratory.seal import write_blind
 
-        with show.Progress(1) as progress:
-            token = HOOK.set(progress.frames)
-            try:
-                if kind == "blind":
-                    from jumpvision.laboratory.seal import write_blind
+                write_blind(out, seed=seed, ground=ground, workers=workers or cores())
+            else:
+                from jumpvision.laboratory.campaign import write_campaign
+                from jumpvision.laboratory.dem.motion import discs_under_foot
 
-                    write_blind(out, seed=seed, ground=ground, workers=workers or cores())
-                else:
-                    from jumpvision.laboratory.campaign import write_campaign
-                    from jumpvision.laboratory.dem.motion import discs_under_foot
-
-                    write_campaign(Path(kind), out, seed=seed, workers=workers or cores(), discs=discs_under_foot)
-            finally:
-                HOOK.reset(token)
+                write_campaign(Path(kind), out, seed=seed, workers=workers or cores(), discs=discs_under_foot)
         show.line(f"wrote {out}")
         return DONE
     from jumpvision.laboratory import samples

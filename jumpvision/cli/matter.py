@@ -5,19 +5,16 @@ from __future__ import annotations
 import shlex
 import sys
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from .app import DONE, app, cores
+from .app import DONE, app, cores, option
 
-
-def _of(text: str, group: str) -> Parameter:
-    return Parameter(help=text, group=group)
-
-
-BED, FOOT = "The bed", "The foot"
+_bed, _foot, _grains = (partial(option, group=f"The {of}") for of in ("bed", "foot", "grains"))
+_way = partial(option, group="Motion: LO:HI:N, or one value")
 
 
 @Parameter(name="*", show_default=False)
@@ -25,19 +22,19 @@ BED, FOOT = "The bed", "The foot"
 class DiscOptions:
     """Numbers of the bed and the foot; those not given are the usual ones of studies.sand.discs.DiscBed."""
 
-    bed: Annotated[str | None, _of("How the discs lie: random (usual), hexagonal, square.", BED)] = None
-    fraction: Annotated[float | None, _of("Of the area; usual: 0.72, hexagonal 0.85, square 0.75.", BED)] = None
-    sizes: Annotated[str | None, _of("Of a random bed: bi (usual, ratio 1.4), mono, poly.", BED)] = None
-    diameter: Annotated[float | None, _of("Of a grain [m], mean; usual 0.001.", BED)] = None
-    half_width: Annotated[float | None, _of("Of the bed [m]; usual 0.05.", BED)] = None
-    depth: Annotated[float | None, _of("Of the bed [m]; usual 0.07.", BED)] = None
-    carpet: Annotated[float | None, _of("Deceleration of a sliding disc [m/s^2]; usual 10.", BED)] = None
-    friction: Annotated[float | None, _of("Coefficient between grains; usual 0.", BED)] = None
-    restitution: Annotated[float | None, _of("Of a collision; usual 0.5.", BED)] = None
-    density: Annotated[float | None, _of("Of a disc [kg/m^2]; usual 1.", BED)] = None
-    foot: Annotated[float | None, _of("Half width of the foot [m]; usual 0.015.", FOOT)] = None
-    stroke: Annotated[float | None, _of("How deep it goes [m]; usual 0.008.", FOOT)] = None
-    speed: Annotated[float | None, _of("Its speed [m/s]; usual 0.4.", FOOT)] = None
+    bed: Annotated[str | None, _bed("How the discs lie: random (usual), hexagonal, square.")] = None
+    fraction: Annotated[float | None, _bed("Of the area; usual: 0.72, hexagonal 0.85, square 0.75.")] = None
+    sizes: Annotated[str | None, _bed("Of a random bed: bi (usual, ratio 1.4), mono, poly.")] = None
+    diameter: Annotated[float | None, _bed("Of a grain [m], mean; usual 0.001.")] = None
+    half_width: Annotated[float | None, _bed("Of the bed [m]; usual 0.05.")] = None
+    depth: Annotated[float | None, _bed("Of the bed [m]; usual 0.07.")] = None
+    carpet: Annotated[float | None, _bed("Deceleration of a sliding disc [m/s^2]; usual 10.")] = None
+    friction: Annotated[float | None, _bed("Coefficient between grains; usual 0.")] = None
+    restitution: Annotated[float | None, _bed("Of a collision; usual 0.5.")] = None
+    density: Annotated[float | None, _bed("Of a disc [kg/m^2]; usual 1.")] = None
+    foot: Annotated[float | None, _foot("Half width of the foot [m]; usual 0.015.")] = None
+    stroke: Annotated[float | None, _foot("How deep it goes [m]; usual 0.008.")] = None
+    speed: Annotated[float | None, _foot("Its speed [m/s]; usual 0.4.")] = None
 
 
 @Parameter(name="*")
@@ -68,7 +65,6 @@ def dem(
     """
     from dataclasses import asdict
 
-    from jumpvision.base.progress import HOOK
     from jumpvision.base.schema import InputError
     from jumpvision.base.storage import write_bytes_aside
     from jumpvision.thesis.studies.sand.discs import checked, measured, run_beds, write_discs
@@ -80,12 +76,8 @@ def dem(
         raise InputError([f"dem: beds = {beds} must be in [1, 1000] and seed = {seed} at least 0"])
     count = beds if bed.bed == "random" else 1
     show.line(f"{count} {'beds' if count > 1 else 'bed'} of discs ({bed.bed}, area fraction {bed.filled:g}) ...")
-    with show.Progress(1) as progress:
-        token = HOOK.set(progress.frames)
-        try:
-            runs = run_beds(bed, count, seed, output.workers or cores())
-        finally:
-            HOOK.reset(token)
+    with show.progress():
+        runs = run_beds(bed, count, seed, output.workers or cores())
     results = output.results or Path("results/dem")
     files = write_discs(runs, bed, results, "jumpvision " + shlex.join(sys.argv[1:]))
     numbers = measured(runs)
@@ -94,14 +86,9 @@ def dem(
 
         files.append(results / "dem.png")
         write_bytes_aside(files[-1], disc_picture(runs, bed, numbers))
-    told = asdict(numbers)
-    rows = [{"what": name, "value": value} for name, value in told.items()]
-    show.result(told | {"files": [str(f) for f in files]}, rows, as_json=output.json)
-    show.line(f"results in {results}: {', '.join(f.name for f in files)}")
+    rows = [{"what": name, "value": value} for name, value in asdict(numbers).items()]
+    show.written(asdict(numbers), rows, files, as_json=output.json)
     return DONE
-
-
-GRAINS, WAY = "The grains", "Motion: LO:HI:N, or one value"
 
 
 @Parameter(name="*", show_default=False)
@@ -109,31 +96,29 @@ GRAINS, WAY = "The grains", "Motion: LO:HI:N, or one value"
 class FootOptions:
     """Numbers of the foot and the grains; those not given are the usual ones of studies.sand.feet.Foot."""
 
-    shape: Annotated[str | None, _of("disc (usual), cone (tip down), sphere, box.", FOOT)] = None
-    radius: Annotated[float | None, _of("Of disc, cone, sphere [m]; usual 0.0381.", FOOT)] = None
-    height: Annotated[float | None, _of("Of disc, cone, box [m]; usual 0.01.", FOOT)] = None
-    length: Annotated[float | None, _of("Of the box along the tilt [m]; usual 0.06.", FOOT)] = None
-    width: Annotated[float | None, _of("Of the box across [m]; usual 0.06.", FOOT)] = None
-    unit: Annotated[str | None, _of("Of the STL file: mm (usual), m, cm, in.", FOOT)] = None
-    law: Annotated[str | None, _of("3d (usual; Agarwal 2023) or 2d (Li 2013).", GRAINS)] = None
-    scale: Annotated[float | None, _of("Stress per depth of a plate going down [N/m^3]; usual 4.6e5.", GRAINS)] = None
-    friction: Annotated[float | None, _of("Of the foot's surface, law 3d; usual 0.4.", GRAINS)] = None
-    density: Annotated[float | None, _of("Of the bed [kg/m^3], for the inertia; usual 570.", GRAINS)] = None
-    inertia: Annotated[float | None, _of("Factor of density v_n^2; usual 1.1.", GRAINS)] = None
-    rise: Annotated[float | None, _of("Of the surface at the foot [m]; usual 0.", GRAINS)] = None
-    speed: Annotated[float | None, _of("Of the foot [m/s]; usual 0, slow.", FOOT)] = None
+    shape: Annotated[str | None, _foot("disc (usual), cone (tip down), sphere, box.")] = None
+    radius: Annotated[float | None, _foot("Of disc, cone, sphere [m]; usual 0.0381.")] = None
+    height: Annotated[float | None, _foot("Of disc, cone, box [m]; usual 0.01.")] = None
+    length: Annotated[float | None, _foot("Of the box along the tilt [m]; usual 0.06.")] = None
+    width: Annotated[float | None, _foot("Of the box across [m]; usual 0.06.")] = None
+    unit: Annotated[str | None, _foot("Of the STL file: mm (usual), m, cm, in.")] = None
+    law: Annotated[str | None, _grains("3d (usual; Agarwal 2023) or 2d (Li 2013).")] = None
+    scale: Annotated[float | None, _grains("Stress per depth of a plate going down [N/m^3]; usual 4.6e5.")] = None
+    friction: Annotated[float | None, _grains("Of the foot's surface, law 3d; usual 0.4.")] = None
+    density: Annotated[float | None, _grains("Of the bed [kg/m^3], for the inertia; usual 570.")] = None
+    inertia: Annotated[float | None, _grains("Factor of density v_n^2; usual 1.1.")] = None
+    rise: Annotated[float | None, _grains("Of the surface at the foot [m]; usual 0.")] = None
+    speed: Annotated[float | None, _foot("Of the foot [m/s]; usual 0, slow.")] = None
 
 
 @app.command
 def rft(
     *,
-    stl: Annotated[Path | None, _of("The foot as an STL file, z up, its axis x = y = 0.", FOOT)] = None,
-    table: Annotated[
-        Path | None, _of("CSV of measured stresses (docs/rft.md) in place of law and scale.", GRAINS)
-    ] = None,
-    depth: Annotated[str, _of("Of the lowest point [m]; usual 0:0.06:31.", WAY)] = "0:0.06:31",
-    tilt: Annotated[str, _of("About y [deg]; usual 0.", WAY)] = "0",
-    attack: Annotated[str, _of("Of the motion below the horizontal [deg]; usual 90, straight down.", WAY)] = "90",
+    stl: Annotated[Path | None, _foot("The foot as an STL file, z up, its axis x = y = 0.")] = None,
+    table: Annotated[Path | None, _grains("CSV of measured stresses (docs/rft.md) in place of law and scale.")] = None,
+    depth: Annotated[str, _way("Of the lowest point [m]; usual 0:0.06:31.")] = "0:0.06:31",
+    tilt: Annotated[str, _way("About y [deg]; usual 0.")] = "0",
+    attack: Annotated[str, _way("Of the motion below the horizontal [deg]; usual 90, straight down.")] = "90",
     options: FootOptions = FootOptions(),
     output: MatterOutput = MatterOutput(),
 ) -> int:
@@ -143,7 +128,6 @@ def rft(
     """
     from dataclasses import asdict
 
-    from jumpvision.base.progress import HOOK
     from jumpvision.base.storage import write_bytes_aside
     from jumpvision.thesis.studies.sand import feet
 
@@ -157,14 +141,10 @@ def rft(
     ]
     stresses = feet.read_table(table) if table else None
     triangles, grains = feet.body(foot, stl), feet.grains_of(foot, stresses)
-    with show.Progress(1) as progress:
-        token = HOOK.set(progress.frames)
-        try:
-            found = feet.forces(foot, triangles, grains, *axes)
-        finally:
-            HOOK.reset(token)
+    with show.progress():
+        found = feet.forces(foot, triangles, grains, *axes)
     results, numbers = output.results or Path("results/rft"), feet.numbers(triangles, found, grains)
-    told = feet.told_of(foot, table, stl, numbers, "jumpvision " + shlex.join(sys.argv[1:]))
+    told = feet.facts_of(foot, table, stl, numbers, "jumpvision " + shlex.join(sys.argv[1:]))
     files = feet.write_forces(found, told, [f for f in (stl, table) if f], results)
     if output.pictures:
         from jumpvision.thesis.figures.matter import foot_picture
@@ -172,6 +152,5 @@ def rft(
         files.append(results / "rft.png")
         write_bytes_aside(files[-1], foot_picture(triangles, found, foot))
     rows = [{"what": name, "value": value} for name, value in asdict(numbers).items()]
-    show.result(asdict(numbers) | {"files": [str(f) for f in files]}, rows, as_json=output.json)
-    show.line(f"results in {results}: {', '.join(f.name for f in files)}")
+    show.written(asdict(numbers), rows, files, as_json=output.json)
     return DONE

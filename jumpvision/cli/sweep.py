@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from .app import DONE, FAILED, app, cores
+from .app import DONE, FAILED, app, cores, option
 
-
-def _axis(text: str) -> Parameter:
-    return Parameter(help=text, group="Axes: LO:HI:N, or one value; SI units")
+AXES, LIMITS = "Axes: LO:HI:N, or one value; SI units", "Limits, in place of those of [motor]"
+_axis, _limit = partial(option, group=AXES), partial(option, group=LIMITS)
 
 
 @Parameter(name="*", show_default=False)
@@ -41,44 +41,39 @@ class SweepAxes:
     apex: Annotated[str | None, _axis("Height that plans are made for [m] (granular, analyses of plans).")] = None
 
 
-def _says(text: str) -> Parameter:
-    return Parameter(help=text)
-
-
 @Parameter(name="*")
 @dataclass(frozen=True)
 class SweepOptions:
     """What is swept besides the axes, and where it goes."""
 
-    analysis: Annotated[str, _says("map, or the name of another analysis: --analyses lists them.")] = "map"
+    analysis: Annotated[str, option("map, or the name of another analysis: --analyses lists them.")] = "map"
     analyses: Annotated[
         bool, Parameter(negative="", show_default=False, help="List the analyses of GROUND, and compute none.")
     ] = False
     experiment: Annotated[
         Path | None,
-        _says("An experiment.toml, or its folder, that gives robot, law and model; default: the thesis' robot."),
+        option("An experiment.toml, or its folder, that gives robot, law and model; default: the thesis' robot."),
     ] = None
-    campaign: Annotated[Path | None, _says("Folder of experiments for an analysis of measured jumps.")] = None
-    model: Annotated[Path | None, _says("A TOML file whose [model] replaces the model, e.g. model.toml.")] = None
+    campaign: Annotated[Path | None, option("Folder of experiments for an analysis of measured jumps.")] = None
+    model: Annotated[Path | None, option("A TOML file whose [model] replaces the model, e.g. model.toml.")] = None
     laws: Annotated[
         Path | None,
-        _says(
+        option(
             "A TOML file of the bed's parameters against volume fraction; named analyses on granular ground default "
             "to an example (docs/granular.md)."
         ),
     ] = None
-    table: Annotated[Path | None, _says("A CSV of your own, drawn beside the analysis: animals.")] = None
+    table: Annotated[Path | None, option("A CSV of your own, drawn beside the analysis: animals.")] = None
     results: Annotated[
-        Path | None,
-        _says("Folder for the files; default: results/sweep, or results/NAME beside the campaign."),
+        Path | None, option("Folder for the files; default: results/sweep, or results/NAME beside the campaign.")
     ] = None
     settings: Annotated[
         tuple[str, ...],
         Parameter(name="--set", negative="", help="Override a value: section.key=value, e.g. robot.gravity=9.81."),
     ] = ()
-    json: Annotated[bool, _says("Machine-readable result on stdout.")] = False
-    workers: Annotated[int | None, _says("Cores to use; default: all.")] = None
-    pictures: Annotated[bool, _says("Draw the figure.")] = True
+    json: Annotated[bool, option("Machine-readable result on stdout.")] = False
+    workers: Annotated[int | None, option("Cores to use; default: all.")] = None
+    pictures: Annotated[bool, option("Draw the figure.")] = True
 
 
 @app.command
@@ -94,7 +89,6 @@ def sweep(ground: str, /, *, axes: SweepAxes = SweepAxes(), options: SweepOption
     """
     from dataclasses import asdict
 
-    from jumpvision.base.progress import HOOK
     from jumpvision.experiment.campaign.folder import results_of
     from jumpvision.experiment.inputs.experiment import folder_of
     from jumpvision.experiment.inputs.overrides import overrides_of
@@ -123,12 +117,8 @@ def sweep(ground: str, /, *, axes: SweepAxes = SweepAxes(), options: SweepOption
         workers=o.workers or cores(),
         say=show.line,
     )
-    with show.Progress(1) as progress:
-        token = HOOK.set(progress.frames)
-        try:
-            data, rows = run(call)
-        finally:
-            HOOK.reset(token)
+    with show.progress():
+        data, rows = run(call)
     name = studies()[o.analysis].file
     if kept := keep_other(results / name, data):
         show.line(f"{name} held another sweep; that one is kept as {kept}")
@@ -138,8 +128,7 @@ def sweep(ground: str, /, *, axes: SweepAxes = SweepAxes(), options: SweepOption
 
         files.append(files[0].with_suffix(".png"))
         files[1].write_bytes(picture(data))
-    show.result({"results": str(results), "files": [str(f) for f in files], "numbers": rows}, rows, as_json=o.json)
-    show.line(f"results in {results}: {', '.join(f.name for f in files)}")
+    show.written({"results": str(results), "numbers": rows}, rows, files, as_json=o.json)
     return DONE
 
 
@@ -201,10 +190,6 @@ def figures(
 def _split(texts: tuple[str, ...]) -> tuple[str, ...]:
     """Names given one by one or with commas between them."""
     return tuple(part for text in texts for part in text.split(",") if part)
-
-
-def _limit(text: str) -> Parameter:
-    return Parameter(help=text, group="Limits, in place of those of [motor]")
 
 
 @Parameter(name="*", show_default=False)
@@ -292,9 +277,9 @@ def plan(
         files[-2].write_bytes(plan_picture(planned))
         files[-1].write_text(plan_animation(planned), encoding="utf-8")
     rows = [{"what": k, "value": v} for k, v in numbers.items() if not isinstance(v, dict)]
-    show.result(numbers | {"files": [str(f) for f in files]}, rows, as_json=output.json)
     if planned.numbers.status != "solved":
+        show.result(numbers | {"files": [str(f) for f in files]}, rows, as_json=output.json)
         show.line(message(planned.numbers))
         return FAILED
-    show.line(f"results in {results}: {', '.join(f.name for f in files)}")
+    show.written(numbers, rows, files, as_json=output.json)
     return DONE

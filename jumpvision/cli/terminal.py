@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
+from jumpvision.base.progress import HOOK
+from jumpvision.base.record import plain
 from jumpvision.base.schema import harmless
-from jumpvision.experiment.results import plain
 
 if TYPE_CHECKING:
     from rich.progress import TaskID
 
     from jumpvision.base.local_page import LocalServer
+    from jumpvision.engine.document.diagnosis import Diagnosis
     from jumpvision.experiment.campaign.explore.history import Round
     from jumpvision.experiment.campaign.folder import Run
     from jumpvision.experiment.inputs.experiment import Campaign
-    from jumpvision.experiment.results.diagnosis import Diagnosis
     from jumpvision.experiment.results.values import GeometryValues
     from jumpvision.experiment.workflow.run import Outcome
 
@@ -28,6 +30,11 @@ if TYPE_CHECKING:
 def line(text: str) -> None:
     """One line on stderr."""
     print(harmless(text), file=sys.stderr, flush=True)
+
+
+def compiling() -> None:
+    """Said as numba begins: else half a minute passes without a word."""
+    line("compiling for this machine, this once: half a minute of the first run, a minute where films are matched")
 
 
 class Progress:
@@ -76,6 +83,25 @@ class Progress:
         left = (time.perf_counter() - self.began) / self.done * (self.total - self.done)
         state = "failed" if outcome.errors else "computed" if outcome.computed else "cached"
         line(f"[{self.done}/{self.total}] {outcome.name}: {state} ({outcome.seconds:.1f} s; {left:.0f} s left)")
+
+
+@contextlib.contextmanager
+def progress() -> Iterator[None]:
+    """Within, long work of one thing is shown."""
+    with Progress(1) as shown:
+        token = HOOK.set(shown.frames)
+        try:
+            yield
+        finally:
+            HOOK.reset(token)
+
+
+def written(
+    told: Mapping[str, object], rows: Sequence[Mapping[str, object]], files: Sequence[Path], *, as_json: bool
+) -> None:
+    """A result that lies in files of one folder."""
+    result({**told, "files": [str(f) for f in files]}, rows, as_json=as_json)
+    line(f"results in {files[0].parent}: {', '.join(f.name for f in files)}")
 
 
 def result(data: Any, rows: Sequence[Mapping[str, object]], *, as_json: bool) -> None:
@@ -195,10 +221,9 @@ def diagnosis(found: Diagnosis, campaign: Campaign, made: list[Path], *, as_json
     if found.could_hide:
         line(found.could_hide)
     if n := found.next_experiment:
-        what = f"{n.kind} at {n.frequency} Hz" + (f", delay {n.delay} s" if n.delay else "")
         far = n.expected_log10_odds >= CERTAIN
         odds = "beyond doubt, it is expected" if far else f"odds of {10**n.expected_log10_odds:.2g} expected"
-        line(f"next experiment: {what} separates {' from '.join(n.separates)} ({odds})")
+        line(f"next experiment: {n.words} separates {' from '.join(n.separates)} ({odds})")
     line("written: " + ", ".join(str(f) for f in made))
 
 
@@ -219,28 +244,18 @@ def exploration(told: Round, folders: Sequence[Path], made: list[Path], as_json:
     line("written: " + ", ".join(str(f) for f in made))
 
 
-def outcome(
-    campaign: Campaign,
-    outcomes: list[Outcome],
-    rows: Sequence[object],
-    results: Path,
-    made: list[Path],
-    *,
-    as_json: bool,
-    single: bool,
-    diagnosis: Diagnosis | None = None,
-    told: bool = False,
-) -> None:
+def outcome(done: Run, *, as_json: bool) -> None:
     """The end of a command: tables on stdout, if not told before; what was done, skipped and failed on stderr."""
+    campaign, outcomes, diagnosis = done.campaign, done.outcomes, done.diagnosis
     if as_json:
         data = {
-            "results": str(results),
+            "results": str(done.plan.results),
             "experiments": [
                 {
                     "name": o.name,
                     "results": str(o.results),
                     "stages": [{"stage": s.stage, "state": s.state, "seconds": s.seconds} for s in o.steps],
-                    "summary": o.summary,
+                    "summary": o.summary.values if o.summary else {},
                     "warnings": o.warnings,
                     "errors": o.errors,
                     "not_run": o.not_run,
@@ -251,7 +266,7 @@ def outcome(
             "diagnosis": diagnosis and diagnosis.values,
         }
         print(json.dumps(plain(data), indent=1))
-    elif not told:
+    elif not done.told:
         tables(campaign, outcomes, diagnosis)
     for o in outcomes:
         for text in o.warnings:
@@ -265,7 +280,7 @@ def outcome(
         )
     for name, why in campaign.excluded.items():
         line(f"excluded: {name}: {why}")
-    if single and not as_json:
+    if done.single and not as_json:
         for o in outcomes:
             for text in o.not_run:
                 line(f"not run: {text}")
@@ -274,13 +289,13 @@ def outcome(
             line(f"error: {text}")
     computed, failed = sum(o.computed for o in outcomes), sum(bool(o.errors) for o in outcomes)
     cached = sum(len(o.steps) for o in outcomes) - computed
-    done = (
+    what = (
         f"{computed} stage results computed, {cached} from the cache"
         if computed
         else f"nothing recomputed ({cached} from the cache)"
     )
-    line(f"{len(outcomes) - failed} of {len(outcomes)} experiments done; {done}")
-    line(f"results in {results}" + "".join(f"; open {m}" for m in made))
+    line(f"{len(outcomes) - failed} of {len(outcomes)} experiments done; {what}")
+    line(f"results in {done.plan.results}" + "".join(f"; open {m}" for m in done.files))
 
 
 def tables(campaign: Campaign, outcomes: list[Outcome], diagnosis: Diagnosis | None) -> None:

@@ -141,6 +141,19 @@ def _effect(
     return None if there is None or size == 0.0 else (parts, sign * amount)
 
 
+def largest(vectors: Sequence[Array], rng: np.random.Generator, doubt: float | None = None) -> Array:
+    """(DRAWS,) the largest score along unit vectors (n,) that noise alone makes, correlated as they are.
+
+    doubt: standard uncertainty of the logarithm of the noise power.
+    """
+    matrix = np.stack(vectors, axis=1)
+    w, v = np.linalg.eigh(matrix.T @ matrix)
+    draws = rng.standard_normal((DRAWS, w.size)) @ (v * np.sqrt(np.maximum(w, 0.0))).T
+    if doubt is not None:
+        draws *= np.exp(0.5 * doubt * rng.standard_normal((DRAWS, 1)))
+    return np.asarray(np.max(np.abs(draws), axis=1))
+
+
 def detect(problem: Problem, fit: Fit, found: Sequence[Direction], rng: np.random.Generator) -> Detection:
     """Two looks at a fit: chi^2, and the largest score among the directions (correlated as they are)."""
     span = Span(fit)
@@ -154,13 +167,8 @@ def detect(problem: Problem, fit: Fit, found: Sequence[Direction], rng: np.rando
     score, tau = np.array([d.vector @ residual for d in found]), noise.log_sigma
     p_score = 1.0
     if found:
-        matrix = np.stack([d.vector for d in found], axis=1)
         top = float(np.max(np.abs(score)))
-        correlation = matrix.T @ matrix
-        w, v = np.linalg.eigh(correlation)
-        draws = rng.standard_normal((DRAWS, w.size)) @ (v * np.sqrt(np.maximum(w, 0.0))).T
-        draws *= np.exp(0.5 * tau * rng.standard_normal((DRAWS, 1)))
-        beyond = int(np.sum(np.max(np.abs(draws), axis=1) >= top))
+        beyond = int(np.sum(largest([d.vector for d in found], rng, tau) >= top))
         p_score = (beyond + 1) / (DRAWS + 1)
         if beyond < 20:  # beyond the draws: the sum over directions bounds it, with the same doubt about the noise
             grid, weight = np.polynomial.hermite_e.hermegauss(31)
@@ -191,11 +199,8 @@ def detectable(problem: Problem, fit: Fit, found: Detection, rng: np.random.Gene
     """
     if not found.directions:
         return []
-    matrix = np.stack([d.vector for d in found.directions], axis=1)
-    w, v = np.linalg.eigh(matrix.T @ matrix)
-    draws = rng.standard_normal((DRAWS, w.size)) @ (v * np.sqrt(np.maximum(w, 0.0))).T
-    draws *= np.exp(0.5 * problem.noise.log_sigma * rng.standard_normal((DRAWS, 1)))
-    beyond = float(np.quantile(np.max(np.abs(draws), axis=1), 1.0 - LEVEL / 2.0)) + float(scipy.stats.norm.ppf(POWER))
+    chance = largest([d.vector for d in found.directions], rng, problem.noise.log_sigma)
+    beyond = float(np.quantile(chance, 1.0 - LEVEL / 2.0)) + float(scipy.stats.norm.ppf(POWER))
     near: dict[str, tuple[float, Direction]] = {}
     for d in found.directions:
         others = problem.system.candidates[d.mechanism].parameters[1:]
@@ -213,7 +218,7 @@ def detectable(problem: Problem, fit: Fit, found: Detection, rng: np.random.Gene
     return out
 
 
-FEWEST = 8  # samples of a cell
+CELL = 8  # samples at least
 
 
 @dataclass(frozen=True)
@@ -244,7 +249,7 @@ def locate(problem: Problem, fit: Fit, by: tuple[str, ...], rng: np.random.Gener
     vectors, rows = [], []
     for key, masks in cells.items():
         raw = np.concatenate([(observations[i].y - predicted[i])[m] for i, m in masks.items()])
-        if raw.size < FEWEST:
+        if raw.size < CELL:
             continue
         effect = [np.zeros(o.t.size) for o in observations]
         for i, m in masks.items():
@@ -257,10 +262,7 @@ def locate(problem: Problem, fit: Fit, by: tuple[str, ...], rng: np.random.Gener
         rows.append((key, raw.size, float(raw.mean()), float(vector @ residual) / length))
     if not rows:
         return []
-    matrix = np.stack(vectors, axis=1)
-    w, v = np.linalg.eigh(matrix.T @ matrix)
-    draws = rng.standard_normal((DRAWS, w.size)) @ (v * np.sqrt(np.maximum(w, 0.0))).T
-    largest = np.sort(np.max(np.abs(draws), axis=1))
+    chance = np.sort(largest(vectors, rng))
     cells_out = [
         Cell(
             dict(zip(by, key[:-1])),
@@ -268,7 +270,7 @@ def locate(problem: Problem, fit: Fit, by: tuple[str, ...], rng: np.random.Gener
             n,
             mean,
             z,
-            float(DRAWS - np.searchsorted(largest, abs(z)) + 1) / (DRAWS + 1),
+            float(DRAWS - np.searchsorted(chance, abs(z)) + 1) / (DRAWS + 1),
         )
         for key, n, mean, z in rows
     ]

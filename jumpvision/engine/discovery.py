@@ -8,20 +8,24 @@ arguments could explain stands beside it (`ceiling`).
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from .detect import Detection, Direction, Span, detect, directions
+from .document.values import Discovered, Status
 from .fitting import Fit, Problem
-from .naming import held_out_score
-from .search import FEW, Start, race, some, start_of
+from .naming import Naming, held_out_score
+from .search import FEW, Search, Start, race, some, start_of
+from .system import System
 
 SHAPES = 2  # sets of shape parameters of a form from which it starts
 ROUNDS = ((3, 16), (5, 7))  # iterations of a fit in each of them, and forms that go on
 LEVEL = 2.0  # of log likelihood: forms that predict alike; the simpler is taken
 ENOUGH = 0.9  # share of what the baseline gets wrong that a law must explain to be told
+SEED = 2  # of the look at the forms: the same data give the same law
 DRAWS = 500  # of the groups, for how often a form wins
 BEHIND = 0.5  # share of what could be explained; a form that has less of it after the first laps is not followed
 TOLD = 0.05  # share of the draws from which a form is told
@@ -42,6 +46,80 @@ class Discovery:
     stability: Mapping[str, float]
     rivals: tuple[str, ...]
     detection: Detection
+
+
+@dataclass(frozen=True)
+class Law:
+    """A law that was found, under its own name. system: what is questioned, with the law in its vocabulary; fit: the
+    model with it, last of its mechanisms; described: as it is told."""
+
+    found: Discovery
+    system: System
+    fit: Fit
+    described: Discovered
+
+    @property
+    def status(self) -> Status:
+        """Whether more than noise is left beside it."""
+        return Status.PARTIAL if self.found.detection.discrepant else Status.COMPLETE
+
+    def fitted_anew(self, part: Problem, base: Fit, rng: np.random.Generator) -> Fit:
+        """The model fitted to a part of the motions, the law from the values that it was found with."""
+        first = {p.name: p.start for p in self.system.candidates[self.fit.mechanisms[-1]].parameters}
+        return part.fit(self.fit.mechanisms, {**self.fit.named, **base.named, **first}) or base
+
+
+class Library(Protocol):
+    """Forms of the laws that a system may follow."""
+
+    @property
+    def whole(self) -> System:
+        """The system with every form among its candidates."""
+        ...
+
+    @property
+    def forms(self) -> Sequence[str]: ...
+    def law(self, found: Discovery, problem: Problem) -> Law:
+        """What was found under its own name, with what it can do. problem: without the forms."""
+        ...
+
+
+class Laws:
+    """The search for a law that no vocabulary lists, beside the search for mechanisms: where no two of them pass the
+    test, before more are tried together (`alone`), and at its end (`law`).
+
+    asked: whether forms were tried beside the baseline; found: the one that explains what it gets wrong.
+    """
+
+    def __init__(self, problem: Problem, library: Library, say: Callable[[str], None]) -> None:
+        self.problem, self.library, self.say = problem, library, say
+        self.whole = problem.asked_of(library.whole)
+        self.asked = False
+        self.found: Discovery | None = None
+
+    def alone(self, search: Search) -> bool:
+        """Whether one law beside the baseline leaves nothing over: then larger sets are not tried."""
+        self.say("no two mechanisms of the vocabulary explain all of it: searching for a law")
+        self._ask(search.base)
+        return self.found is not None and not self.found.detection.discrepant
+
+    def law(self, base: Fit, n: Naming) -> Law | None:
+        """The law that explains what the vocabulary leaves over; None where no law is found."""
+        if not self.asked:
+            self.say("no mechanism of the vocabulary explains all of it: searching for a law")
+            self._ask(base)
+        tried = [self.found]
+        if n.named and (self.found is None or self.found.detection.discrepant):
+            tried.append(self._beside(base, n.best.fit))
+        good = [x for x in tried if x]
+        best = max(good, key=lambda x: (not x.detection.discrepant, held_out_score(self.whole, x.fit)), default=None)
+        return self.library.law(best, self.problem) if best else None
+
+    def _ask(self, base: Fit) -> None:
+        self.asked, self.found = True, self._beside(base, base)
+
+    def _beside(self, base: Fit, fit: Fit) -> Discovery | None:
+        return discover(self.whole, base, fit, self.library.forms, np.random.default_rng(SEED))
 
 
 def discover(

@@ -15,7 +15,7 @@ from jumpvision.base.arrays import Array, log_box
 from jumpvision.base.threads import at_once
 from jumpvision.engine.noise.noise import Noise
 from jumpvision.engine.noise.whitening import Whitening, axes, joined
-from jumpvision.engine.priors import Known, Measured, known
+from jumpvision.engine.priors import Known, Measured, prior_of
 
 from .system import Costly, CostlyPart, Parameter, Part, System, at_a_time, parameters, predict_each
 
@@ -223,7 +223,7 @@ class Problem:
         free = parameters(self.system, mechanisms)
         full = [{p.name: s.get(p.name, p.start) for p in free} for s in sets]
         r, followed = self.residuals_each(mechanisms, full, which, frame)
-        before = known(free, self.measured)
+        before = prior_of(free, self.measured)
         pulls = [before.pull(np.array([*s.values()])) for s in full]
         chi2 = sum(np.sum(a * a, axis=0) for a in r) + np.array([p @ p for p in pulls])
         return np.where(followed, chi2, math.inf)
@@ -245,7 +245,7 @@ class Problem:
         axes = Axes(free)
         start = onward.named if onward else start or {}
         x = axes.inward(np.array([start.get(p.name, p.start) for p in free], float))
-        before = known(free, self.measured)
+        before = prior_of(free, self.measured)
 
         def residuals(x: Array, frame: Frame) -> list[Array] | None:
             return self.residuals(mechanisms, dict(zip(names, axes.values(x).tolist())), which, frame)

@@ -11,11 +11,14 @@ import numpy as np
 from jumpvision.base.arrays import Z90, Array, log_interval
 
 from .detect import Detection, Span
+from .document.values import Status
 from .fitting import Fit, Problem
 from .search import Enough, Key, Search, Start, limits, log_prior
 
 CONFIDENCE = 0.9  # of the set of models that is kept
-ESTABLISHED = 0.03  # of what a mechanism alone explains: more may not be left where it is named though misfit is left
+# Of what a mechanism alone explains: more may not be left where it is named though misfit is left. Substitutes left 3 %
+# and more in the laboratory's campaigns with effects outside the vocabulary (`benchmarks.diagnosis --outside`).
+ESTABLISHED = 0.03
 SHARE = 1 / 3  # of a named effect: a mechanism that may make so much of it is declared beside it
 TWIN = 50.0  # of chi^2: what an exchange would cost, linear, is judged by a fit if it is less
 PRIORS = (1 / 3, 1.0, 3.0)  # factors on the ranges of all strengths, for the sensitivity of the probabilities
@@ -37,8 +40,7 @@ class Explanation:
 
 @dataclass(frozen=True)
 class Naming:
-    """named: what the data establish. status: "complete" where the named ones pass the test that the baseline failed,
-    "partial" where they leave significant misfit, "undetermined" where nothing is established.
+    """named: what the data establish.
 
     best: the model of the named ones, else the likeliest. tried: best first. twins: the mechanisms beside each named
     one that would do as well, itself included. left: share of what the baseline got wrong (its excess of chi^2) that
@@ -48,7 +50,7 @@ class Naming:
     """
 
     named: tuple[str, ...]
-    status: str
+    status: Status
     best: Explanation
     tried: tuple[Explanation, ...]
     twins: tuple[tuple[str, ...], ...]
@@ -81,16 +83,16 @@ def name(
         passing = likelier(search)
         key = passing[0] if passing else key
     likeliest = max(search.fits, key=search.log_probability)
-    told = key or likeliest
-    test = search.test(told)
-    left = left_of(problem, search.fits[told], test.score)
+    stated = key or likeliest
+    test = search.test(stated)
+    left = left_of(problem, search.fits[stated], test.score)
     share = 0.0 if passing else left / max(left_of(problem, base, found.score), left)
-    fit, wider = (search.fits[told], 1.0) if passing else widened(problem, search.fits[told])
+    fit, wider = (search.fits[stated], 1.0) if passing else widened(problem, search.fits[stated])
     dispersion = max(search.test(likeliest).chi2_per_dof, 1.0) if not passing else 1.0
     explanations, probabilities = weighed(search, likeliest, 1.0 / dispersion)
-    tried = tuple(replace(e, fit=fit) if frozenset(e.mechanisms) == told else e for e in explanations)
-    best = next(e for e in tried if frozenset(e.mechanisms) == told)
-    status = "complete" if passing else "partial" if key else "undetermined"
+    tried = tuple(replace(e, fit=fit) if frozenset(e.mechanisms) == stated else e for e in explanations)
+    best = next(e for e in tried if frozenset(e.mechanisms) == stated)
+    status = Status.COMPLETE if passing else Status.PARTIAL if key else Status.UNDETERMINED
     named = fit.mechanisms if key else ()
     twins = _twins(problem, best, tried) if key else ()
     suffices = 1.0 if passing else least_doubt(search.test(likeliest).p_value)

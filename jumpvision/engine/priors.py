@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -15,18 +16,26 @@ from .system import Parameter
 
 @dataclass(frozen=True)
 class Measured:
-    """Parameters `names` measured as values (k,) with covariance (k, k), in the parameters' units; source: by what."""
+    """Parameters `names` measured as values (k,) with covariance (k, k), in the parameters' units; source: by what.
+
+    Example: jv.Measured.of("W", 58.0, 0.5, "the free swing")
+    """
 
     names: tuple[str, ...]
     values: Array
     covariance: Array
     source: str
 
+    @classmethod
+    def of(cls, name: str, value: float, sigma: float, source: str) -> Self:
+        """One parameter with its standard uncertainty."""
+        return cls((name,), np.array([value]), np.array([[sigma**2]]), source)
+
     def sigma(self, name: str) -> float:
         k = self.names.index(name)
         return math.sqrt(float(self.covariance[k, k]))
 
-    def of(self, names: Sequence[str]) -> Measured:
+    def among(self, names: Sequence[str]) -> Measured:
         """The part of it that these parameters have, the others left free."""
         keep = [k for k, n in enumerate(self.names) if n in names]
         return Measured(
@@ -54,7 +63,7 @@ class Known:
         return np.asarray(self.rows.T @ self.rows)
 
 
-def known(free: Sequence[Parameter], measured: Sequence[Measured]) -> Known:
+def prior_of(free: Sequence[Parameter], measured: Sequence[Measured]) -> Known:
     """Priors and measurements of the parameters `free`, in their order."""
     names = [p.name for p in free]
     rows = [np.eye(len(free))[i] / p.sigma for i, p in enumerate(free) if math.isfinite(p.sigma)]
@@ -62,7 +71,7 @@ def known(free: Sequence[Parameter], measured: Sequence[Measured]) -> Known:
     centre = np.array([p.start if math.isfinite(p.sigma) else 0.5 * (p.low + p.high) for p in free])
     spread = np.diag([min(p.sigma**2, (p.high - p.low) ** 2 / 12.0) for p in free])
     log_chance = 0.0
-    for m in (x.of(names) for x in measured):
+    for m in (x.among(names) for x in measured):
         if not m.names:
             continue
         at = [names.index(n) for n in m.names]

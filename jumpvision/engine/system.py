@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,21 @@ from numpy.typing import NDArray
 from jumpvision.base.arrays import Array
 
 from .noise.noise import Noise
+
+
+class Indexed(str):
+    """Name of a parameter that several have, each its own: `of` what it is, `number` whose; it reads `of[number]`."""
+
+    of: str
+    number: int
+
+    def __new__(cls, of: str, number: int) -> Self:
+        name = super().__new__(cls, f"{of}[{number}]")
+        name.of, name.number = of, number
+        return name
+
+    def __reduce__(self) -> tuple[type[Self], tuple[str, int]]:
+        return type(self), (self.of, self.number)
 
 
 @dataclass(frozen=True)

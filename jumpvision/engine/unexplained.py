@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -20,6 +19,7 @@ from jumpvision.base.arrays import Array
 
 from .detect import LEVEL, Detection, Direction, Span, detect, directions
 from .discovery import wins
+from .document.values import Coefficient, Unexplained
 from .fitting import Fit, Problem
 from .naming import held_out_score
 from .search import Start, best_starts, race, start_of
@@ -38,26 +38,6 @@ class Shapes(System, Protocol):
     def reach(self, shape: str, mechanisms: tuple[str, ...], values: Mapping[str, float]) -> str:
         """Where in position and speed the shape acted, in words."""
         ...
-
-
-@dataclass(frozen=True)
-class Unexplained:
-    """A residual force. terms: shapes, the best supported first; coefficients and sigmas: their strengths.
-
-    beside: mechanisms of the vocabulary that the description stands beside.
-    r2: share of the baseline residuals' excess over the noise that the terms explain (1: what is left is within it).
-    stability: share of the bootstrap draws in which a shape is the best first term. where: parts that show it most,
-    and where it acted.
-    """
-
-    beside: tuple[str, ...]
-    terms: tuple[str, ...]
-    coefficients: tuple[float, ...]
-    sigmas: tuple[float, ...]
-    units: tuple[str, ...]
-    r2: float
-    stability: Mapping[str, float]
-    where: str
 
 
 def unexplained(problem: Problem, fits: Sequence[Fit], shapes: Shapes, rng: np.random.Generator) -> Unexplained | None:
@@ -84,26 +64,24 @@ def unexplained(problem: Problem, fits: Sequence[Fit], shapes: Shapes, rng: np.r
     alone = whole.fit((*plain.mechanisms, first), best.named)  # without what only imitated it
     if alone is not None and alone.log_evidence > best.log_evidence:
         before, best = plain, alone
-    strength = shapes.candidates[first].parameters[0].name
-    terms, values, sigmas, left = [first], [best.named[strength]], [best.sigma(strength)], best.chi2
-    span = Span(best)
+    strength = shapes.candidates[first].parameters[0]
+    terms = {first: Coefficient(best.named[strength.name], best.sigma(strength.name), strength.unit)}
+    span, left = Span(best), best.chi2
     others = _seconds(span, span.off(span.residual), seen.get(before.mechanisms, []), first)
     if others and len(others) * float(scipy.special.erfc(abs(others[0][1]) / math.sqrt(2.0))) < LEVEL:
         d, z, share = others[0]
-        terms.append(d.mechanism)
-        values.append(d.strength * z / share)
-        sigmas.append(abs(values[-1] / z))
+        value, unit = d.strength * z / share, shapes.candidates[d.mechanism].parameters[0].unit
+        terms[d.mechanism] = Coefficient(value, abs(value / z), unit)
         left -= z * z
     dof = max(problem.n - len(plain.parameters), 1)
+    reached = shapes.reach(first, best.mechanisms, best.named)
     return Unexplained(
-        before.mechanisms,
-        tuple(terms),
-        tuple(values),
-        tuple(sigmas),
-        tuple(shapes.candidates[t].parameters[0].unit for t in terms),
-        (plain.chi2 - left) / (plain.chi2 - min(left, dof)),
-        wins(problem, [f for _, f in tried], rng, TOLD, 0.0),
-        "; ".join(x for x in (_parts(problem, plain, best), shapes.reach(first, best.mechanisms, best.named)) if x),
+        terms=tuple(terms),
+        coefficients=terms,
+        r2=(plain.chi2 - left) / (plain.chi2 - min(left, dof)),
+        where="; ".join(x for x in (_parts(problem, plain, best), reached) if x),
+        beside=before.mechanisms,
+        stability=wins(problem, [f for _, f in tried], rng, TOLD, 0.0),
     )
 
 

@@ -78,8 +78,9 @@ def map_crater(
     which = np.digitize(r, bins) - 1
     keep = which < bins.size - 1
     count = np.bincount(which[keep], minlength=bins.size - 1)
-    mean = np.bincount(which[keep], level[keep]) / np.maximum(count, 1)
-    scatter = np.sqrt(np.bincount(which[keep], (level[keep] - mean[which[keep]]) ** 2) / np.maximum(count - 1, 1))
+    mean = np.bincount(which[keep], level[keep], minlength=bins.size - 1) / np.maximum(count, 1)
+    spread = np.bincount(which[keep], (level[keep] - mean[which[keep]]) ** 2, minlength=bins.size - 1)
+    scatter = np.sqrt(spread / np.maximum(count - 1, 1))
     inside = r <= reach
     smooth = scipy.ndimage.gaussian_filter(level, SMOOTH)[inside]
     return Crater(

@@ -5,12 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import Array
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -54,6 +58,13 @@ class Estimate:
     def of_entry(cls, entry: Mapping[str, float | str | int | None]) -> Estimate:
         """What `entry` made, back again."""
         return cls(**{k: math.nan if v is None else v for k, v in entry.items()})  # type: ignore[arg-type]
+
+
+def table_of(estimates: Mapping[str, Estimate]) -> pd.DataFrame:
+    """One row a name: value, sigma, sigma_common, unit, n, chi2."""
+    import pandas as pd
+
+    return pd.DataFrame.from_dict({k: e.entry() for k, e in estimates.items()}, orient="index")
 
 
 def finite(a: float) -> float | None:

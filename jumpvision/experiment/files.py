@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from jumpvision.engine import document
+
 JUMPS = "jumps.csv"  # a row an experiment of a campaign
 CAMPAIGN = "campaign.json"
-DIAGNOSIS = "diagnosis.json"
+DIAGNOSIS = document.FILE
 PICTURE = "diagnosis.png"
 MODEL = "model.toml"  # the extended model
 SAMPLES = "samples.csv"  # of a user's own simulator in question

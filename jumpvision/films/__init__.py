@@ -1,5 +1,38 @@
 """Films to numbers: frames are read, balls, feet, beds and grains are found in them, fields become momentum and a cone.
 
 Arrays in, arrays out: nothing here reads a folder, prints or draws. `frames` opens films, `vision` works in pixels
-and frames, `grains` in SI units, y up.
+and frames, `grains` in SI units, y up, `arrays` has the functions that a notebook calls, `parameters` what a user may
+set. The names below are loaded when first used.
 """
+
+from importlib import import_module
+from typing import Any
+
+NAMES = {  # name: the module that has it
+    "open_frames": "frames",
+    "Film": "frames",
+    "FrameError": "frames",
+    "track": "arrays.track",
+    "triangulate": "arrays.space",
+    "piv": "arrays.piv",
+    "paths": "arrays.paths",
+    "bed": "arrays.bed",
+    "crater": "arrays.crater",
+    "TrackParams": "parameters",
+    "PivParams": "parameters",
+    "PathsParams": "parameters",
+    "BedParams": "parameters",
+    "CraterParams": "parameters",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__all__":
+        return sorted(NAMES)
+    if name not in NAMES:
+        raise AttributeError(f"module 'jumpvision.films' has no attribute '{name}'")
+    return getattr(import_module(f"jumpvision.films.{NAMES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *NAMES})

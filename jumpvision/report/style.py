@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from string import ascii_lowercase
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from matplotlib.typing import RcKeyType
+
+NewFigure = Callable[..., "Figure"]  # a figure of a size, as `Figure(figsize=(width, height))` in inches
 
 # Okabe & Ito: told apart by every kind of colour vision
 MEASURED, MODEL, ACCENT, GREEN, QUIET = "#0072B2", "#D55E00", "#CC79A7", "#009E73", "#8a8a8a"
@@ -45,7 +51,7 @@ def spoken(name: str) -> str:
 
 
 @contextmanager
-def styled() -> Iterator[Any]:
+def styled() -> Iterator[NewFigure]:
     """pyplot-free matplotlib in the house style; gives `matplotlib.figure.Figure`."""
     import matplotlib
     from matplotlib.figure import Figure
@@ -77,7 +83,7 @@ WIDE = 6.7  # inches: a figure drawn wider than this takes two columns
 FORMATS = ("pdf", "svg", "png")
 INCH = 25.4
 
-RC: dict[Any, Any] = {
+RC: dict[RcKeyType, Any] = {
     "font.size": 7,
     "axes.titlesize": 7,
     "axes.labelsize": 7,
@@ -107,20 +113,20 @@ RC: dict[Any, Any] = {
 
 
 @contextmanager
-def printed() -> Iterator[Any]:
+def printed() -> Iterator[NewFigure]:
     """The style for print; gives what makes a figure, at the width of one column or two."""
     import matplotlib
 
-    with styled() as Figure, matplotlib.rc_context(RC):
+    with styled() as new, matplotlib.rc_context(RC):
 
-        def sized(figsize: tuple[float, float], **more: Any) -> Any:
+        def sized(figsize: tuple[float, float], **more: bool | str) -> Figure:
             width = (PAGE if figsize[0] > WIDE else COLUMN) / INCH
-            return Figure(figsize=(width, figsize[1] * width / figsize[0]), **more)
+            return new(figsize=(width, figsize[1] * width / figsize[0]), **more)
 
         yield sized
 
 
-def lettered(figure: Any) -> Any:
+def lettered(figure: Figure) -> Figure:
     """The figure with (a), (b), ... before the titles of its panels, where it has several; colour bars have none."""
     panels = [a for a in figure.axes if a.get_visible() and not hasattr(a, "_colorbar") and a.axison]
     panels = [a for k, a in enumerate(panels) if all(a.bbox.bounds != b.bbox.bounds for b in panels[:k])]  # twins: one
@@ -129,7 +135,7 @@ def lettered(figure: Any) -> Any:
     return figure
 
 
-def save(figure: Any, file: Path) -> None:
+def save(figure: Figure, file: Path) -> None:
     """Write a figure without a date, so that the same data give the same file; texts set in points are held at 7 pt."""
     from matplotlib.text import Text
 

@@ -7,15 +7,16 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from jumpvision.base.schema import InputError, closest
+from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.experiment import files
 from jumpvision.experiment.campaign.measured.actuator import Driven, actuator_bandwidth
 from jumpvision.experiment.campaign.measured.craters import craters_of, zero_crossing
 from jumpvision.experiment.campaign.measured.intrusions import SlowIntrusion, intrusion_laws, slow_intrusion
-from jumpvision.experiment.results.diagnosis import Diagnosis
 from jumpvision.experiment.results.fields import Column, Flow, Piv
+from jumpvision.experiment.results.summary import Summary
 from jumpvision.experiment.results.tables import RodMotion, Simulation
 from jumpvision.experiment.results.values import CraterShape, Intrusion
 from jumpvision.report.figures import grains as films
@@ -23,13 +24,16 @@ from jumpvision.report.figures.bed import critical
 from jumpvision.report.figures.diagnosis import gains, heights
 from jumpvision.report.figures.logs import actuator, resistances, single
 from jumpvision.report.figures.pictures import Tracked, tracks
-from jumpvision.report.pages.charts import fits_of, json_of
-from jumpvision.report.style import FORMATS, lettered, printed, save
+from jumpvision.report.pages.charts import fits_of
+from jumpvision.report.style import FORMATS, NewFigure, lettered, printed, save
 from jumpvision.thesis.figures.sweeps import read_sweep, sweep_figure
-from jumpvision.thesis.studies.compute import setting
+from jumpvision.thesis.studies.compute import origin_of
 from jumpvision.thesis.studies.study import studies
 
-Draw = Callable[[Any], Any]  # what makes a figure -> the figure
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Draw = Callable[[NewFigure], "Figure"]  # what makes a figure -> the figure
 
 
 @dataclass(frozen=True)
@@ -41,9 +45,9 @@ class Results:
     @cached_property
     def experiments(self) -> dict[str, Path]:
         """Folders of results by experiment; the folder itself where it is one."""
-        if (self.folder / files.SUMMARY).exists():
-            return {str(json_of(self.folder / files.SUMMARY).get("experiment") or self.folder.name): self.folder}
-        return {f.parent.name: f.parent for f in sorted(self.folder.glob("*/summary.json"))}
+        if (self.folder / Summary.file).exists():
+            return {Summary.load(self.folder).experiment or self.folder.name: self.folder}
+        return {f.parent.name: f.parent for f in sorted(self.folder.glob(f"*/{Summary.file}"))}
 
     @cached_property
     def jumps(self) -> list[dict[str, float | str | None]]:
@@ -54,9 +58,9 @@ class Results:
         """The experiments whose results hold all these files."""
         return {n: f for n, f in self.experiments.items() if all((f / x).exists() for x in names)}
 
-    def summary(self, name: str) -> dict[str, Any]:
-        """summary.json of an experiment."""
-        return json_of(self.experiments[name] / files.SUMMARY)
+    def summary(self, name: str) -> Summary:
+        """Of an experiment."""
+        return Summary.load(self.experiments[name])
 
 
 def available(source: Path) -> dict[str, tuple[str, Draw]]:
@@ -72,7 +76,7 @@ def available(source: Path) -> dict[str, tuple[str, Draw]]:
 def of_sweep(file: Path) -> tuple[str, tuple[str, Draw]]:
     """The figure of a sweep or a comparison."""
     data = read_sweep(file)
-    told = setting(data)
+    told = origin_of(data)
     own = file.stem if "-" in file.stem else f"sweep-{told.analysis}"  # one that another has taken the name of
     return own, (f"{told.ground} ground: {told.analysis}", lambda F: sweep_figure(data, F))
 
@@ -81,7 +85,7 @@ def of_results(r: Results) -> Iterator[tuple[str, tuple[str, Draw]]]:
     """The figures of experiments and campaigns."""
     if any(j["jump_height_m"] is not None and j["frequency_hz"] is not None for j in r.jumps):
         yield "heights", ("jump heights against frequency, measured and simulated", lambda F: heights(r.jumps, F))
-    if tracked := r.having("rod.csv"):
+    if tracked := r.having(RodMotion.file):
         chosen = of_each_kind(r, tracked)
         yield (
             "tracks",
@@ -94,7 +98,7 @@ def of_results(r: Results) -> Iterator[tuple[str, tuple[str, Draw]]]:
         diagnosis = Diagnosis.load(r.folder)
         yield "diagnosis", ("heights, where the model fails, and the gain held out", lambda F: gains(diagnosis, F))
     yield from of_grains(r)
-    for name, folder in r.having("intrusion.json").items():
+    for name, folder in r.having(Intrusion.file).items():
         yield of_intrusion(name, folder, "" if len(r.experiments) == 1 else f"-{name}")
     if rows := intrusions_of(r):
         yield (
@@ -127,11 +131,11 @@ def of_intrusion(name: str, folder: Path, end: str) -> tuple[str, tuple[str, Dra
 
 def of_grains(r: Results) -> Iterator[tuple[str, tuple[str, Draw]]]:
     """Figures from grain films: of each experiment that has one, and the momentum of all together."""
-    filmed = r.having("piv.nc", "flow.nc")
-    for name, folder in r.having("piv.nc", "flow.nc", "column.nc").items():  # in metres, and with a foot
+    filmed = r.having(Piv.file, Flow.file)
+    for name, folder in r.having(Piv.file, Flow.file, Column.file).items():  # in metres, and with a foot
         yield from of_film(name, folder, "" if len(filmed) == 1 else f"-{name}")
     if filmed:
-        kinds = {n: str(r.summary(n).get("kind")) for n in filmed}
+        kinds = {n: str(r.summary(n).kind) for n in filmed}
         yield (
             "grain-momentum",
             (
@@ -165,7 +169,7 @@ def of_film(name: str, folder: Path, end: str) -> Iterator[tuple[str, tuple[str,
             lambda F: films.column(fits, Column.load(folder), F),
         ),
     )
-    if fits.known("cone_slope_kg_m"):
+    if fits.determined("cone_slope_kg_m"):
         yield (
             f"added-mass{end}",
             (
@@ -180,8 +184,8 @@ def of_each_kind(r: Results, tracked: dict[str, Path]) -> list[str]:
     best: dict[str, tuple[float, str]] = {}
     for name in tracked:
         s = r.summary(name)
-        height = s.get("jump_height_m") or 0.0
-        best[str(s.get("kind"))] = max(best.get(str(s.get("kind")), (-1.0, "")), (height, name))
+        height = s.jump_height.value or 0.0
+        best[str(s.kind)] = max(best.get(str(s.kind), (-1.0, "")), (height, name))
     return [name for _, name in (best[k] for k in sorted(best))]
 
 

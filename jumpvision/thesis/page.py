@@ -17,7 +17,7 @@ from jumpvision.report.pages.words import drawing
 from jumpvision.thesis.figures.sweeps import SHOWN, read_sweep, sweep_figure
 from jumpvision.thesis.studies.axes import AXES
 from jumpvision.thesis.studies.comparison import compare
-from jumpvision.thesis.studies.compute import setting
+from jumpvision.thesis.studies.compute import origin_of
 from jumpvision.thesis.studies.motions import grid
 
 FINEST = 120  # points of an axis in a map of the page
@@ -30,7 +30,7 @@ def write_sweep(file: Path) -> Path:
     text = template("sweep.html.j2").render(
         style=static("page.css"),
         script=static("plot.js") + static("page.js"),
-        title=f"{file.stem}: {setting(data).analysis}",
+        title=f"{file.stem}: {origin_of(data).analysis}",
         version=__version__,
         sentence=sentence,
         facts=facts,
@@ -45,11 +45,11 @@ def write_sweep(file: Path) -> Path:
 
 def words(data: xr.Dataset) -> tuple[str, list[tuple[str, str, str]]]:
     """(sentence, numbers): where the highest jump of a map lies; else what the analysis is."""
-    told = setting(data)
+    told = origin_of(data)
     if told.analysis != grid.name or not np.isfinite(data.com_height_m).any():
         return f"{told.ground} ground: {told.analysis.replace('-', ' ')}".capitalize() + ".", []
     best = data.isel(data.com_height_m.argmax(...)) if data.com_height_m.dims else data
-    at = ", ".join(said(str(d), float(best[d])) for d in data.com_height_m.dims)
+    at = ", ".join(axis_value(str(d), float(best[d])) for d in data.com_height_m.dims)
     height = f"{1e3 * float(best.com_height_m):.4g}"
     text = f"{told.robot.capitalize()}: the highest of "
     text += f"{data.com_height_m.size} jumps raises the centre of mass {height} mm" + (f", at {at}." if at else ".")
@@ -61,14 +61,14 @@ def words(data: xr.Dataset) -> tuple[str, list[tuple[str, str, str]]]:
     return text, facts
 
 
-def said(name: str, value: float) -> str:
+def axis_value(name: str, value: float) -> str:
     """frequency 8.2 Hz."""
-    return AXES[name].said(value, 3)
+    return AXES[name].text(value, 3)
 
 
 def charts_of(data: xr.Dataset) -> list[Chart]:
     """Maps over two axes, lines over one; none for other analyses, which have their figure."""
-    analysis = setting(data).analysis
+    analysis = origin_of(data).analysis
     if analysis == compare.name:
         return [comparison(data)]
     if analysis != grid.name:

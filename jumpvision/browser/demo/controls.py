@@ -14,7 +14,7 @@ from typing import Any
 
 from jumpvision.experiment.inputs.sections import PHASES, Actuation, Bed, Robot
 from jumpvision.jumper.mechanisms.registry import ModelParameters
-from jumpvision.thesis.studies.machine import THESIS
+from jumpvision.thesis.studies.setup import THESIS
 
 SECTIONS: dict[str, Any] = {"robot": Robot, "actuation": Actuation, "bed": Bed, "model": ModelParameters}
 GROUNDS = ("hard", "granular")

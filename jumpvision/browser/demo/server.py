@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 
 from jumpvision.base.local_page import TYPES, LocalHandler, LocalServer, Refused, static_files
 from jumpvision.base.schema import InputError
-from jumpvision.experiment.results.diagnosis import Diagnosis
+from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.experiment.workflow.cluster import SELF
 
 from . import controls

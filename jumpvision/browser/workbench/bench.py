@@ -17,8 +17,8 @@ from jumpvision.experiment.init.text import PICKED, RESULTS, Choices, drafted
 from jumpvision.experiment.inputs.experiment import CAMPAIGN, EXPERIMENT, folder_of
 from jumpvision.experiment.inputs.logs import read_log
 from jumpvision.experiment.inputs.model import read_toml
-from jumpvision.experiment.inputs.parameters import BedParams, PivParams, TrackParams
 from jumpvision.experiment.inputs.sections import SECTIONS, BedImage, Calibration, GrainVideo, RodVideo
+from jumpvision.films.parameters import BedParams, PivParams, TrackParams
 
 from .draft import CORRECTIONS, HEAD, Composed, Draft, composed
 from .films import Shown

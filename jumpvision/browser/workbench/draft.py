@@ -14,15 +14,16 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from jumpvision.base.parameters import Params
 from jumpvision.base.schema import InputError, Section, read
 from jumpvision.base.storage import write_aside
 from jumpvision.experiment.init.edit import Edits, difference, edited
 from jumpvision.experiment.init.measure import Picks, Values, picks_of, tilt_of, with_picks
 from jumpvision.experiment.init.recognise import Recording
 from jumpvision.experiment.inputs.experiment import EXPERIMENT, merged
-from jumpvision.experiment.inputs.parameters import PARAMS, Params
+from jumpvision.experiment.inputs.parameters import PARAMS
 from jumpvision.experiment.inputs.sections import SECTIONS
-from jumpvision.films.vision.camera import READING
+from jumpvision.films.calibration import CLICKED_MARK
 
 CORRECTIONS = "corrections.csv"
 HEAD = "frame,x_px,y_px,sigma_px"
@@ -155,7 +156,7 @@ def composed(
         edits[section] = {"file": (recordings[section].file, ""), **edits[section]}
     text, file = "", folder / CORRECTIONS
     if draft.corrections or file.exists():
-        rows = [f"{i},{x:g},{y:g},{READING:g}" for i, (x, y) in draft.corrections.items()]
+        rows = [f"{i},{x:g},{y:g},{CLICKED_MARK.value:g}" for i, (x, y) in draft.corrections.items()]
         text = "\n".join([HEAD, *rows, ""])
     if draft.corrections:
         _put(edits, {"rod_corrections": {"file": (CORRECTIONS, "frames in which a person said where the ball is")}})

@@ -8,13 +8,12 @@ import warnings
 from dataclasses import replace
 
 from jumpvision.base.progress import HOOK
-from jumpvision.experiment.inputs.parameters import TrackParams
 from jumpvision.experiment.inputs.sections import Calibration, RodVideo
 from jumpvision.experiment.stages.recordings import SCALE_OF_PIXELS, open_film, view_of
 from jumpvision.experiment.stages.track import BallFilm
 from jumpvision.experiment.workflow.stage import StageWarning
 from jumpvision.films.frames import FrameError
-from jumpvision.films.vision.ball.measure import Found
+from jumpvision.films.parameters import TrackParams
 from jumpvision.films.vision.ball.track import BallTrack
 
 Row = tuple[float | None, float | None, float | None, str]  # x, y, sigma [px], flag
@@ -52,7 +51,7 @@ class Following:
         if self._final is not None:
             return self._final[since:]
         follower = self._balls.follower
-        return [_row(f) for f in follower.found[since:]] if follower is not None else []
+        return [_row(f.x, f.y, f.sigma, str(f.flag)) for f in follower.found[since:]] if follower is not None else []
 
     def _run(self) -> None:
         HOOK.set(self._told)
@@ -89,8 +88,8 @@ class Following:
 
 def rows_of(track: BallTrack) -> list[Row]:
     """One row a frame."""
-    return [_row(Found(str(f), x, y, s)) for f, x, y, s in zip(track.flag, track.x, track.y, track.sigma, strict=True)]
+    return [_row(*row) for row in zip(track.x, track.y, track.sigma, map(str, track.flag), strict=True)]
 
 
-def _row(f: Found) -> Row:
-    return (None, None, None, f.flag) if f.flag else (float(f.x), float(f.y), float(f.sigma), "")
+def _row(x: float, y: float, sigma: float, flag: str) -> Row:
+    return (None, None, None, flag) if flag else (float(x), float(y), float(sigma), "")

@@ -7,16 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jumpvision.base.record import plain
 from jumpvision.base.schema import InputError
-from jumpvision.experiment.inputs.parameters import BedParams, PivParams
 from jumpvision.experiment.inputs.sections import BedImage, Calibration, GrainVideo
-from jumpvision.experiment.results import plain
-from jumpvision.experiment.stages.grains.light import light_of
 from jumpvision.experiment.stages.grains.masks import drawn_mask
-from jumpvision.experiment.stages.grains.piv import Job, matching, stride_of
+from jumpvision.experiment.stages.grains.piv import Job, stride_of
 from jumpvision.experiment.stages.recordings import open_grains
 from jumpvision.experiment.workflow.stage import StageWarning
+from jumpvision.films.arrays.velocities import matching
+from jumpvision.films.parameters import BedParams, PivParams
 from jumpvision.films.vision.piv.engine import best_prefilter
+from jumpvision.films.vision.piv.light import light_of
 from jumpvision.films.vision.piv.pair import MEASURED, REASONS
 from jumpvision.films.vision.surface import bed_surface
 

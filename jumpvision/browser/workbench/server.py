@@ -14,8 +14,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from jumpvision.base.local_page import LocalHandler, LocalServer, Refused, static_files
+from jumpvision.base.record import plain
 from jumpvision.base.schema import InputError
-from jumpvision.experiment.results import plain
 from jumpvision.films.frames import FrameError
 
 from .bench import Benches

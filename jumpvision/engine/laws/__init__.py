@@ -1,1 +1,1 @@
-"""Laws of force as text: read, checked, and turned into functions."""
+"""Laws as text: one tree, and from it values, machine code, JavaScript, mathtext, derivatives, dimensions."""

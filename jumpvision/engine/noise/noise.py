@@ -79,18 +79,19 @@ def frame_of(times: Sequence[Array]) -> float:
 
 
 TOP = 0.97  # the greatest correlation; noise of cameras is not anticorrelated
+LEARNED_FROM = 20  # samples at least: the size is then known to 16 %
 
 
 def estimate(stretches: Sequence[Stretch], frame: float, floor: float = 0.0) -> Noise:
     """Noise of all stretches together. floor: the least s can be (rounding: step / sqrt(12)).
 
-    Raises ValueError when the stretches hold fewer than 20 samples beyond their coefficients.
+    Raises ValueError when the stretches hold fewer than LEARNED_FROM samples beyond their coefficients.
     """
     usable = [x for x in stretches if x.t.size > x.design.shape[1] + 2]
-    if (free := samples(usable)) < 20:
+    if (free := samples(usable)) < LEARNED_FROM:
         raise ValueError(
-            f"noise: {free} samples at rest, in flight or repeated; at least 20 are needed: "
-            "film the robot at rest before the motor starts, or repeat trials (same `group`)"
+            f"noise: {free} samples whose course is known; at least {LEARNED_FROM} are needed: record what is at rest, "
+            "or repeat recordings (same `group`)"
         )
     grid = np.linspace(0.0, TOP, 9)
     score = [_profile(usable, float(rho), frame, free)[0] for rho in grid]

@@ -9,9 +9,9 @@ import numpy as np
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
-from jumpvision.engine.noise.noise import Noise, Stretch, estimate, frame_of, powers, rounding_step, whitened
-from jumpvision.engine.noise.readings import kurtosis, learn, reach_of
-from jumpvision.engine.noise.sources import Source
+from jumpvision.engine.noise.learning import Source, differences, learn_level, with_wander
+from jumpvision.engine.noise.noise import Noise, Stretch, frame_of, powers, rounding_step, whitened
+from jumpvision.engine.noise.readings import reach_of
 
 from .study import Channel, Recording, Study
 
@@ -20,7 +20,7 @@ DEGREE = 5  # of the polynomial that a smooth course is over a window
 WINDOWS = (14, 20, 28, 40, 56, 80)  # samples
 FIRST = 0.01  # of the spread of the readings
 ROUGH = 6.0  # times the median power: a window with a kink, which tells nothing of the noise
-MORE = 1.3  # times the power of the shortest windows: over a longer one the course is no such polynomial
+MORE = 1.3  # times the power of the shortest windows, more than chance makes it: the course is no such polynomial there
 
 
 @dataclass(frozen=True)
@@ -77,11 +77,9 @@ def _channel(c: Channel, tracks: Sequence[Track], warnings: list[str]) -> tuple[
         noise = replace(noise, drift=c.wander, reach=reach_of([t for t, *_ in tracks]))
         return noise, {"stated": Source(s, STATED, 0)}
     least = max(rounding_step(y) for _, y, *_ in tracks) / np.sqrt(12.0)
-    pairs = _differences(tracks)
-    from_pairs = len(pairs) > 0
-    stretches = _smooth(pairs or [(t, y) for t, y, *_ in tracks])
+    pairs = _repeats(tracks)
     try:
-        noise = estimate(stretches, frame, floor=max(least, np.finfo(float).tiny))
+        noise = learn_level(_smooth(pairs or [(t, y) for t, y, *_ in tracks]), frame, least)
     except ValueError:
         raise InputError(
             [
@@ -89,29 +87,25 @@ def _channel(c: Channel, tracks: Sequence[Track], warnings: list[str]) -> tuple[
                 f"(a polynomial over {WINDOWS[0]} samples); give Channel({c.name!r}, noise=...)"
             ]
         ) from None
-    tails = kurtosis(stretches, noise)
-    reach = reach_of([t for t, *_ in tracks])
-    noise = replace(noise, kurtosis=tails, log_power=float(np.sqrt((tails - 1.0) / max(noise.n, 1))), reach=reach)
     still = [Stretch(t, y, np.ones((t.size, 1)), np.ones(t.size)) for t, y in pairs]
-    noise = replace(noise, drift=max(learn(still, noise, reach) if from_pairs else 0.0, c.wander))
-    how = "repeats" if from_pairs else "smoothness"
-    if not from_pairs:
+    noise = with_wander(noise, still, reach_of([t for t, *_ in tracks]))
+    noise = replace(noise, drift=max(noise.drift, c.wander))
+    if not pairs:
         warnings.append(
             f"the noise of {c.name} ({noise.s:.2g} {c.unit}) was learned from how smooth its readings are over "
             f"{WINDOWS[0]} to {WINDOWS[-1]} samples: slower errors are not known; state it, or repeat a recording "
             "(same `group`)"
         )
-    return noise, {how: Source(noise.s, noise.log_sigma / 2, noise.n)}
+    return noise, {"repeats" if pairs else "smoothness": Source(noise.s, noise.log_sigma / 2, noise.n)}
 
 
-def _differences(tracks: Sequence[Track]) -> list[tuple[Array, Array]]:
-    """Differences of each recording and the next of its group, over root 2, where their times are the same."""
-    out = []
-    for k, (t, y, group, _) in enumerate(tracks):
-        like = next((x for x in tracks[k + 1 :] if x[2] == group and np.array_equal(x[0], t)), None)
-        if like is not None:
-            out.append((t, (y - like[1]) / np.sqrt(2.0)))
-    return out
+def _repeats(tracks: Sequence[Track]) -> list[tuple[Array, Array]]:
+    """Independent differences of the recordings of a group that have the same times, each with the noise of one."""
+    alike: dict[tuple[str, bytes], list[Track]] = {}
+    for track in tracks:
+        alike.setdefault((track[2], track[0].tobytes()), []).append(track)
+    trials = [(same[0][0], [(y, np.ones(y.size)) for _, y, *_ in same]) for same in alike.values()]
+    return [(t, y) for t, each in trials for y, _ in differences(each)]
 
 
 def _smooth(tracks: Sequence[tuple[Array, Array]]) -> list[Stretch]:

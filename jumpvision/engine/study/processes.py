@@ -66,7 +66,7 @@ class Failure:
 
 
 class Maker(Protocol):
-    def made(self, asked: Sequence[Ask]) -> Iterator[tuple[int, Any]]:
+    def results(self, asked: Sequence[Ask]) -> Iterator[tuple[int, Any]]:
         """(place in the list, what the function gave or a Failure) as they come."""
         ...
 
@@ -79,7 +79,7 @@ class Here:
     def __init__(self, study: Study, recordings: Sequence[Recording]) -> None:
         self.study, self.recordings = study, recordings
 
-    def made(self, asked: Sequence[Ask]) -> Iterator[tuple[int, Any]]:
+    def results(self, asked: Sequence[Ask]) -> Iterator[tuple[int, Any]]:
         if not self.study.batch:
             for k, a in enumerate(asked):
                 yield k, _run(self.study, self.recordings, a)
@@ -132,7 +132,7 @@ class Others:
             self.close()
             raise
 
-    def made(self, asked: Sequence[Ask]) -> Iterator[tuple[int, Any]]:
+    def results(self, asked: Sequence[Ask]) -> Iterator[tuple[int, Any]]:
         waiting = deque(enumerate(asked))
         while waiting or any(p.busy for p in self.processes):
             for i, p in enumerate(self.processes):

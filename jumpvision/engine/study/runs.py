@@ -91,7 +91,7 @@ class Runs:
             )
         wanted = list(new.items())
         began = time.perf_counter()
-        for k, value in self.maker.made([a for _, a in wanted]):
+        for k, value in self.maker.results([a for _, a in wanted]):
             key, ask = wanted[k]
             found[key] = self._checked(value, ask)
             self._keep(key, found[key])
@@ -119,6 +119,8 @@ class Runs:
         return array
 
     def _failed(self, error: SimulatorError, shape: tuple[int, int]) -> Array:
+        if self.study.has_form(error.parameters):  # a law of ours that is none: nothing of the user's failed
+            return np.full(shape, np.nan)
         if not self.how.avoid:
             if self.store:
                 error.add_note(f"{self.count.made} runs are kept in {self.how.keep}: the next call goes on from there")
@@ -161,7 +163,7 @@ class Runs:
 
 def _digest_of(recording: Recording, study: Study) -> str:
     """Of all that a run depends on besides its parameters: the functions' source, the recording's times and inputs."""
-    laws = [(m.name, m.law, m.null) for m in study.mechanisms if m.law]
+    laws = [(m.name, m.law, m.null) for m in (*study.mechanisms, *(m for _, m in study.forms)) if m.law]
     digest = hashlib.sha256(f"{study.name} {study.version} {[c.name for c in study.channels]} {laws or ''}".encode())
     for f in study.functions:
         digest.update(source_of(f).encode())

@@ -9,6 +9,8 @@ name of the study, those of absent mechanisms at the value at which they do noth
 from __future__ import annotations
 
 import dataclasses
+import functools
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,11 +21,15 @@ from numpy.typing import ArrayLike
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
-from jumpvision.engine.laws.expression import Expression, LawError, parse
+from jumpvision.engine.priors import Measured
 from jumpvision.engine.system import Parameter as Free
+
+from .forms import REACH, SHARE, Form, forms
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from jumpvision.engine.laws.expression import Expression
 
 Simulate = Callable[..., Any]
 
@@ -252,7 +258,10 @@ class Study:
     a list. step: of a derivative, as a share of a parameter's scale: larger where the simulator is rough. version:
     change it when the simulator's numbers change, so that kept runs of the former one are not used.
     symbols: the state by which laws are written, as ("x", "v"); simulate then takes a third argument, the force of all
-    laws that are present, which it calls as force(x=..., v=...).
+    laws that are present, which it calls as force(x=..., v=...). With their typical sizes, {"x": 0.3, "v": 2.0}, and a
+    typical `force`, a law of no list is searched for where no mechanism explains the misfit. measured: what is known
+    of parameters by other means than the recordings: the fit takes it in, and what contradicts the recordings is told.
+    inputs: those that the next experiment may choose, with their ranges: the values that would tell most are proposed.
 
     Example: jv.Study(simulate, [jv.Parameter("W", 50.0, range=(30, 90))], [dry], [jv.Channel("angle", "rad")])
     """
@@ -265,20 +274,24 @@ class Study:
     batch: bool = False
     step: float = 1e-3
     version: str = ""
-    symbols: Sequence[str] = ()
+    symbols: Sequence[str] | Mapping[str, float] = ()
+    force: float = 0.0
+    measured: Sequence[Measured] = ()
+    inputs: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         problems = [] if callable(self.simulate) else [f"study: simulate = {self.simulate!r} is no function"]
         given: list[Parameter | Mechanism | Channel] = [*self.parameters, *self.mechanisms, *self.channels]
         problems += [t for x in given for t in x.problems()]
         problems += ["study: channels is empty"] if not self.channels else []
+        problems += [f"study: inputs: {n} = {x}: give (low, high)" for n, x in self.inputs.items() if not x[0] < x[1]]
+        if self.inputs and (own := [p.name for p in self.parameters if p.each]):
+            problems.append(f"study: inputs: {own[0]!r} is fitted to each recording, which one not yet made has not")
+        sizes = self.symbols if isinstance(self.symbols, Mapping) else {}
+        problems += [f"study: symbols: {n} = {x!r}: a typical size is above 0" for n, x in sizes.items() if not x > 0]
+        problems += ["study: force: symbols need their typical sizes"] if self.force and not sizes else []
         problems += ["study: symbols: a batch takes no forces; leave batch out"] if self.symbols and self.batch else []
-        for m in self.mechanisms:
-            try:
-                self.law_of(m)
-            except LawError as e:
-                known = ", ".join(self.symbols) or "none: give Study(symbols=...)"
-                problems.append(f"mechanism {m.name!r}: law = {m.law!r}: {e} (symbols of the study: {known})")
+        problems += [problem for m in self.mechanisms if m.law and (problem := self.law_problem(m))]
         shared = [*(p.name for p in self.parameters), *(c.name_of(n) for c in self.channels for n in INSTRUMENT)]
         own = [p.name for m in self.mechanisms for p in m.parameters]
         for what, names in (
@@ -288,27 +301,59 @@ class Study:
         ):
             problems += [f"study: two {what} are called {n!r}" for n in dict.fromkeys(names) if names.count(n) > 1]
         problems += [f"study: {n!r} is a parameter of a mechanism and of the baseline" for n in set(own) & set(shared)]
+        fitted = {*own, *(p.name for p in self.parameters if not p.each), *shared[len(self.parameters) :]}
+        for name in (n for m in self.measured for n in m.names if n not in fitted):
+            problems.append(f"study: measured: {name!r} is no parameter that is fitted to all recordings alike")
         if problems:
             raise InputError(problems)
 
-    def law_of(self, m: Mechanism) -> Expression | None:
-        """The law of a mechanism; None where it has none. Raises LawError."""
+    def law_of(self, m: Mechanism) -> Expression:
+        """The law of a mechanism that has one. Raises LawError."""
+        from jumpvision.engine.laws.expression import parse  # most studies have none
+
         names = [*self.symbols, *(p.name for p in m.parameters)]
-        return parse(m.law, dict(zip(names, names))) if m.law else None
+        return parse(m.law, dict(zip(names, names)))
+
+    def law_problem(self, m: Mechanism) -> str:
+        """What is wrong with the law of a mechanism; "" where nothing is."""
+        from jumpvision.engine.laws.expression import LawError
+
+        try:
+            self.law_of(m)
+        except LawError as e:
+            allowed = ", ".join(self.symbols) or "none: give Study(symbols=...)"
+            return f"mechanism {m.name!r}: law = {m.law!r}: {e} (symbols of the study: {allowed})"
+        return ""
 
     def arguments(self, parameters: Mapping[str, float], recording: Recording) -> tuple[Any, ...]:
         """What the simulator is called with."""
         given = dict(parameters)
         if not self.symbols:
             return given, recording
-        laws = [(m, law) for m in self.mechanisms if (law := self.law_of(m)) is not None]
-        present = [law for m, law in laws if given[m.parameters[0].name] != m.null]
+        own = (m for m in (*self.mechanisms, *(m for _, m in self.forms)) if m.law)
+        present = [self.law_of(m) for m in own if given.get(m.parameters[0].name, m.null) != m.null]
 
         def force(**state: float) -> float:
+            if self.forms and (missing := sorted({*self.symbols} - {*state})):
+                raise TypeError(f"force() needs {', '.join(missing)}, as the study's symbols are")
             known = {**given, **state}
-            return float(sum(law(np, **{n: known[n] for n in law.symbols}) for law in present))
+            with np.errstate(all="ignore"):  # a law that runs off is found by what the simulator gives
+                return float(sum(law(np, **{n: known[n] for n in law.symbols}) for law in present))
 
         return given, recording, force
+
+    @functools.cached_property
+    def forms(self) -> tuple[tuple[Form, Mechanism], ...]:
+        """Laws of no list that its symbols allow; none without their sizes and a typical force."""
+        if not self.force or not isinstance(self.symbols, Mapping):
+            return ()
+        listed = {m.name for m in self.mechanisms}
+        each = ((form, as_mechanism(form, SHARE * self.force)) for form in forms(self.symbols))
+        return tuple((form, m) for form, m in each if m.name not in listed)
+
+    def has_form(self, parameters: Mapping[str, float]) -> bool:
+        """Whether a law of no list acts."""
+        return any(parameters.get(m.parameters[0].name, m.null) != m.null for _, m in self.forms)
 
     @property
     def functions(self) -> tuple[Simulate, ...]:
@@ -332,6 +377,16 @@ class Study:
         """The same without its functions, for a process that must not import them."""
         plain = [dataclasses.replace(m, function=None if m.function is None else _elsewhere) for m in self.mechanisms]
         return dataclasses.replace(self, simulate=_elsewhere, mechanisms=tuple(plain))
+
+
+def as_mechanism(form: Form, size: float) -> Mechanism:
+    """A form as a mechanism of a study; size: of a force that matters."""
+    prefix = f"{form.name}_"
+    shapes = [Parameter(prefix + s.name, s.start, (s.low, s.high), scale=s.scale) for s in form.shapes]
+    strength = Parameter(prefix + "r", 0.0, (-REACH * size, REACH * size), scale=size)
+    starts = tuple(itertools.product(*(s.starts for s in form.shapes)))
+    words = f"a law of no list, {form.law()}"
+    return Mechanism(form.name, (strength, *shapes), words, shapes=starts, law=form.law(prefix))
 
 
 def _elsewhere(*_: object) -> ArrayLike:

@@ -143,7 +143,7 @@ class Studied:
             tuple(blocks),
         )
 
-    def asked(self, mechanisms: Sequence[str], values: Mapping[str, float]) -> tuple[int, Array] | None:
+    def call_of(self, mechanisms: Sequence[str], values: Mapping[str, float]) -> tuple[int, Array] | None:
         """(function, its parameters) of a model; None where two mechanisms take the place of one function."""
         functions = [m.name for m in self.study.mechanisms if m.function is not None]
         chosen = [m for m in mechanisms if m in functions]
@@ -155,7 +155,7 @@ class Studied:
 
     def predict(self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]) -> list[Array]:
         """Readings of these recordings, from the starts that suit each best; NaN where a run is to be avoided."""
-        if (asked := self.asked(mechanisms, values)) is None:
+        if (asked := self.call_of(mechanisms, values)) is None:
             return [np.full(self.observations[i].t.size, np.nan) for i in which]
         found = self._found(asked, mechanisms, values, which)
         return [self._turned(i, found[i][0].y, mechanisms, values) + found[i][1] for i in which]
@@ -262,7 +262,7 @@ class Studied:
         self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]
     ) -> dict[str, list[Array]]:
         """d(reading)/d(what each recording has for itself)."""
-        if not self.each or (asked := self.asked(mechanisms, values)) is None:
+        if not self.each or (asked := self.call_of(mechanisms, values)) is None:
             return {}
         found = {i: p for i, (p, _) in self._found(asked, mechanisms, values, which).items()}
         places = list(range(len(self.rest), len(self.names)))
@@ -275,7 +275,7 @@ class Studied:
         self, mechanisms: tuple[str, ...], free: Sequence[Parameter], values: Mapping[str, float], which: Sequence[int]
     ) -> list[Array]:
         """d(reading)/d(parameter) (n, k); laws of the instruments need no run."""
-        asked = self.asked(mechanisms, values)
+        asked = self.call_of(mechanisms, values)
         assert asked is not None
         found = {i: p for i, (p, _) in self._found(asked, mechanisms, values, which).items()}
         inside = [p.name for p in free if p.name in self.rest]

@@ -17,14 +17,14 @@ import numpy as np
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
 from jumpvision.engine.fitting import Fit
+from jumpvision.engine.noise.learning import Source
 from jumpvision.engine.noise.noise import Noise
-from jumpvision.engine.noise.sources import Source
 
 from .learn import Readings, together
 from .system import Studied
 
 MEMORY = 20.0  # records: a walk as an autoregression that hardly forgets
-FEWEST = 5  # increments beyond what is taken off, by which a walk is learned
+INCREMENTS = 5  # increments beyond what is taken off, by which a walk is learned
 DIFFERS = 0.5  # of an effect: less between repeats is no difference of theirs
 
 
@@ -115,7 +115,7 @@ def walk(found: Sequence[Difference]) -> tuple[float, int]:
             y, design = y / scale, design / scale[:, None]
             y = y - design @ np.linalg.lstsq(design, y, rcond=None)[0]
             power, free = power + float(y @ y), free + y.size - design.shape[1]
-        if free < FEWEST:
+        if free < INCREMENTS:
             return best
         best = max(best, (math.sqrt(power / free), free))
         lag *= 2

@@ -18,7 +18,7 @@ import scipy
 from jumpvision.base.arrays import Array
 from jumpvision.engine.detect import LEVEL, POWER
 from jumpvision.engine.fitting import Problem
-from jumpvision.engine.priors import known
+from jumpvision.engine.priors import prior_of
 from jumpvision.engine.system import Parameter
 
 TIMES = 3.0  # of the strength that shows: a rival from which such an effect is not told is a twin
@@ -81,7 +81,7 @@ def information(problem: Problem) -> Information:
     stacked = [np.hstack([c[i] for c in columns]) for i in range(len(observations))]
     prior = np.zeros((stacked[0].shape[1],) * 2)
     wide = np.diag([12.0 / (p.high - p.low) ** 2 for p in base]) if base else np.zeros((0, 0))
-    prior[: len(base), : len(base)] = known(base, problem.measured).precision + wide
+    prior[: len(base), : len(base)] = prior_of(base, problem.measured).precision + wide
     strengths = {n: system.candidates[n].parameters[0] for n in names}
     nulls = np.array([system.candidates[n].null for n in names])
     return Information(np.stack([a.T @ a for a in stacked]), prior, strengths, nulls)
@@ -101,7 +101,7 @@ def _columns(problem: Problem, mechanisms: tuple[str, ...], free: Sequence[Param
     return [j[:, :keep] for j in found]
 
 
-def shown(info: Information, which: Sequence[int]) -> list[Shown]:
+def limits_of_causes(info: Information, which: Sequence[int]) -> list[Shown]:
     """What some of the motions tell of every cause."""
     beside, names = info.beside(which), list(info.strengths)
     out = []

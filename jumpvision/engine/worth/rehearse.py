@@ -54,7 +54,7 @@ def likely(problem: Problem, fit: Fit, size: int, rng: np.random.Generator) -> l
     return [dict(zip(names, pool[i].tolist())) for i in rng.choice(POOL, size, p=chance / chance.sum())]
 
 
-def drawn(
+def simulated_readings(
     problem: Problem, mechanisms: tuple[str, ...], values: Mapping[str, float], i: int, rng: np.random.Generator
 ) -> Array | None:
     """Readings (n,) of observation i by this model, with scatter, wander and noise; None where it foretells none."""
@@ -81,7 +81,7 @@ def log10_odds(
         if right is None or not (turns == k).any():
             continue
         for true in likely(made, right, int(np.sum(turns == k)), rng):
-            readings = drawn(problem, right.mechanisms, true, new, rng)
+            readings = simulated_readings(problem, right.mechanisms, true, new, rng)
             if readings is None:
                 continue
             both = problem.asked_of(Made(problem.system, (*done, new), readings))

@@ -6,7 +6,6 @@ import hashlib
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,31 +15,32 @@ from jumpvision import __version__
 from jumpvision.base.schema import InputError
 from jumpvision.base.storage import ChangedFile, copy_aside
 from jumpvision.base.threads import at_most
-from jumpvision.engine.diagnose import Findings, explain, foretell, look
+from jumpvision.engine.discovery import Laws
+from jumpvision.engine.document.diagnosis import Diagnosis
+from jumpvision.engine.document.measured import motions_alone
+from jumpvision.engine.document.values import WithoutFilms
 from jumpvision.engine.fitting import Problem
+from jumpvision.engine.order import Findings, Order
 from jumpvision.engine.priors import Measured
-from jumpvision.engine.unexplained import unexplained
 from jumpvision.experiment import files
 from jumpvision.experiment.inputs.experiment import Campaign, Experiment
 from jumpvision.experiment.inputs.model import Considered
 from jumpvision.experiment.inputs.sections import Actuation
-from jumpvision.experiment.results.diagnosis import Diagnosis
-from jumpvision.experiment.results.findings import Unexplained, WithoutFilms
 from jumpvision.experiment.workflow import entries
 from jumpvision.experiment.workflow.run import Outcome
 from jumpvision.experiment.workflow.stage import StageWarning
 from jumpvision.jumper.mechanisms.record import Mechanism
+from jumpvision.jumper.question.discovered import JumperForms
 from jumpvision.jumper.question.forms import Shaped
 from jumpvision.jumper.question.jumper import Jumper, content
 from jumpvision.jumper.question.jumps import Jump
 from jumpvision.jumper.question.learning import Learned, learn_noise
+from jumpvision.jumper.question.words import Beside, diagnosis_of, values
 
-from .discovered import Laws, law_gain
-from .document import document, model_files, unexplained_of, values
 from .explore.offers import Way, offer, usual
-from .films import Film, confirmation, energies, films, jumps_alone
-from .findings import told
+from .films import Film, confirmation, energies, films
 from .jumps import load_jumps, measurements, questioned, spec_of
+from .model_file import model_files
 
 SEED = 1  # of the simulated noise: the same data give the same answer
 VERSION = 13  # of the method: another one asks again
@@ -66,7 +66,7 @@ class Question(NamedTuple):
 
     def digest(self) -> str:
         """Of everything that the diagnosis depends on."""
-        own = [(m.name, m.acts_on, m.written, m.rate, m.parameters) for m in self.own]
+        own = [(m.name, m.acts_on, m.law, dict(m.let), m.state, m.parameters) for m in self.own]
         measured = [(m.names, m.source, m.values.tobytes(), m.covariance.tobytes()) for m in self.measured]
         beside = [repr(x) for x in (self.films, measured, own)]
         digest = hashlib.sha256(f"{VERSION} {__version__} {self.ranges} {self.priors} {beside}".encode())
@@ -227,54 +227,35 @@ def _begun(asked: Question, path: Path, workers: int, say: Say) -> Begun:
         raise InputError([f"{path}: {e}"]) from None
     rng = np.random.default_rng(SEED)
     problem = Problem(learned.system, learned.noise, learned.scatter, asked.measured)
-    return Begun(asked, learned, look(problem, rng, by=BY, say=say), rng)
+    return Begun(asked, learned, Order(problem, rng, by=BY, say=say).look(), rng)
 
 
 def _answer(asked: Question, begun: Begun, draw: Draw, say: Say) -> Answer:
     learned, rng = begun.learned, begun.rng
     system = learned.system
     problem = Problem(system, learned.noise, learned.scatter, asked.measured)
-    laws = Laws(problem, system, say)
-    found = explain(problem, begun.found, rng, say=say, enough=laws.alone)
-    law = laws.law(found)
-    left = None if law else leftover(found, problem, system, say)
-    if not found.adequate:
-        say(document(found, learned, left, law=law).sentence)
     driven = [a for e in asked.experiments if (a := e.section(Actuation)) is not None and a.moves]
-    found = foretell(
+    ways = [Way(law) for law in usual(driven)]
+    order = Order(
         problem,
-        found,
         rng,
         by=BY,
         stops=[j.stop for j in asked.jumps],
-        offered=lambda: offer(
-            problem, system, [Way(law) for law in usual(driven)], asked.ranges, asked.priors, asked.own
-        ),
+        laws=Laws(problem, JumperForms(system), say),
+        shapes=lambda: Shaped(system),
+        offered=lambda: offer(problem, system, ways, asked.ranges, asked.priors, asked.own),
         say=say,
-        gained=partial(law_gain, law, problem) if law else None,
     )
-    alone = jumps_alone(told(found), problem)
+    found = order.explain(begun.found)
+    if not found.adequate:
+        say(diagnosis_of(found, learned).sentence)
+    found = order.foretell(found)
+    alone = motions_alone(found.named_fit, problem)
     rows = confirmation(alone, system, asked.films, asked.measured)
     apart = asked.measured and any(r.contradicts for r in rows)
-    data = document(
-        found,
-        learned,
-        left,
-        energy=energies(found, system),
-        confirmation=rows,
-        without_films=WithoutFilms(values(alone, system), alone.chi2) if apart else None,
-        law=law,
-    )
-    known = law.system if law else system
-    models = model_files(law.fit if law else told(found), known, data.sentence + " Made by jumpvision diagnose.")
+    without = WithoutFilms(values(alone, system), alone.chi2) if apart else None
+    data = diagnosis_of(found, learned, Beside(tuple(energies(found, system)), tuple(rows), without))
+    with_law = found.law.system if found.law else system
+    assert isinstance(with_law, Jumper)
+    models = model_files(found.best, with_law, data.sentence + " Made by jumpvision diagnose.")
     return Answer(data, models, draw(found, system, data))
-
-
-def leftover(d: Findings, problem: Problem, system: Jumper, say: Say) -> Unexplained | None:
-    """Generic forces that describe what no mechanism explains; None where one does, or where no cause is likeliest."""
-    if d.naming is None or d.naming.status == "complete" or d.naming.by_chance:
-        return None
-    say("no mechanism explains all of it: describing what is left by generic forces")
-    return unexplained_of(
-        unexplained(problem, [d.baseline, d.naming.best.fit], Shaped(system), np.random.default_rng(SEED))
-    )

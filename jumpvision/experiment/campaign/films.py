@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jumpvision.engine.diagnose import Findings
-from jumpvision.engine.fitting import Fit, Problem
+from jumpvision.engine.document.measured import compared, confirmations
+from jumpvision.engine.document.values import Confirmation, Energies
+from jumpvision.engine.fitting import Fit
+from jumpvision.engine.order import Findings
 from jumpvision.engine.priors import Measured
 from jumpvision.experiment.results.fields import Flow
-from jumpvision.experiment.results.findings import Confirmation, Energies
 from jumpvision.experiment.results.values import Fits
 from jumpvision.experiment.workflow.run import Outcome
 from jumpvision.films.grains.momentum import ANGLE, peak_momentum
@@ -23,7 +24,6 @@ from jumpvision.jumper.physics.model import ROBOT, Model
 from jumpvision.jumper.question.jumper import Jumper, of_jump
 
 STEP = 1e-3  # of a parameter's scale, for derivatives
-CONTRADICT = 3.0  # sigmas
 AXIS = 0.5  # mm, how well the axis of the foot is known
 
 
@@ -62,26 +62,11 @@ def films(outcomes: Mapping[str, Outcome]) -> list[Film]:
     return out
 
 
-def jumps_alone(told: Fit, problem: Problem) -> Fit:
-    """The model that is told, fitted to the jumps without what films and tests say of it."""
-    if not problem.measured:
-        return told
-    alone = Problem(problem.system, problem.noise, problem.scattered).fit(told.mechanisms, told.named)
-    return told if alone is None else alone
-
-
 def confirmation(alone: Fit, system: Jumper, seen: Sequence[Film], measured: Sequence[Measured]) -> list[Confirmation]:
     """Every quantity that films or tests measure and the model has: by them, by the jumps alone."""
     model = system.build(alone.mechanisms, alone.named)
     names = {n for t in model.terms for n in model.mechanism(t).names} | set(ROBOT)
-    rows = []
-    for m in measured:
-        for k, name in enumerate(m.names):
-            if name in names:
-                free = name in alone.named
-                jumps = alone.named[name] if free else _of(model, name)
-                by = (float(jumps), alone.sigma(name) if free else 0.0)
-                rows.append(compared(name, m.source, by, (float(m.values[k]), m.sigma(name)), _unit(name)))
+    rows = confirmations(alone, measured, {n: (_of(model, n), _unit(n)) for n in sorted(names)})
     own = {j.name: j.model for j in system.jumps}
     for film in seen:
         by = implied(alone, system, own.get(film.experiment, system.model), film.depth)
@@ -89,15 +74,6 @@ def confirmation(alone: Fit, system: Jumper, seen: Sequence[Film], measured: Seq
             row = compared("added_mass", f"film {film.experiment}", by, (film.mass, film.sigma), "kg")
             rows.append(replace(row, experiment=film.experiment, depth_m=film.depth))
     return rows
-
-
-def compared(
-    quantity: str, source: str, jumps: tuple[float, float], film: tuple[float, float], unit: str
-) -> Confirmation:
-    """A quantity by jumps and film, each (value, sigma): they contradict each other beyond CONTRADICT sigmas."""
-    z = (film[0] - jumps[0]) / math.hypot(film[1], jumps[1])
-    verdict = "contradict" if abs(z) > CONTRADICT else "agree"
-    return Confirmation(quantity, unit, source, *jumps, *film, z, verdict)
 
 
 def _of(model: Model, name: str) -> float:
@@ -119,7 +95,7 @@ def implied(fit: Fit, system: Jumper, own: Model, depth: float) -> tuple[float, 
         if "added_mass" not in model:
             return 0.0
         names = ("C", "mu", "theta", "R", "phi", "rho")
-        return float(cone_mass(np, depth, **{n: model.symbol(n) for n in names}))
+        return float(cone_mass(np, z=depth, **{n: model.symbol(n) for n in names}))
 
     at = mass(fit.named)
     steps = [STEP * p.scale for p in fit.parameters]

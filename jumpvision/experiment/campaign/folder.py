@@ -11,23 +11,24 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
+from jumpvision.base.record import plain
 from jumpvision.base.schema import FileSection, InputError
 from jumpvision.base.storage import write_aside
 from jumpvision.experiment import files
 from jumpvision.experiment.inputs.experiment import Campaign, Experiment
 from jumpvision.experiment.inputs.model import ModelSpec
-from jumpvision.experiment.inputs.sections import GrainVideo, MotorLog
-from jumpvision.experiment.results import plain
+from jumpvision.experiment.inputs.sections import Actuation, GrainVideo, MotorLog
+from jumpvision.experiment.results.summary import JumpRow
 from jumpvision.experiment.results.values import CraterShape, Intrusion
 from jumpvision.experiment.workflow.many import draw as draw_experiments
-from jumpvision.experiment.workflow.many import drawn_beside, run_campaign
+from jumpvision.experiment.workflow.many import drawing_beside, run_campaign
 from jumpvision.experiment.workflow.provenance import digest_of_results, settle_tables
 from jumpvision.experiment.workflow.run import Outcome, Plan, run_single
 
 if TYPE_CHECKING:
-    from jumpvision.experiment.results.diagnosis import Diagnosis
+    from jumpvision.engine.document.diagnosis import Diagnosis
 
     from .diagnose import Begun, Draw
 
@@ -61,7 +62,7 @@ class Run:
     told: bool = False  # the watcher has shown what was found
 
     @functools.cached_property
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list[JumpRow]:
         """The rows of jumps.csv."""
         return jumps_table(self.campaign, self.outcomes)
 
@@ -118,7 +119,7 @@ def run_folder(
             from .diagnose import question
 
             told = {o.name: o for o in run.outcomes}
-            with drawn_beside(plan, campaign, run.outcomes, workers=workers):
+            with drawing_beside(plan, campaign, run.outcomes, workers=workers):
                 run.diagnosis, run.files = question(
                     campaign,
                     told,
@@ -230,59 +231,32 @@ def _craters(run: Run) -> list[Path]:
     return write_craters(craters, zero_crossing(craters), run.plan.results)
 
 
-JUMP_COLUMNS = (
-    "jump_height_m",
-    "sigma_m",
-    "sigma_common_m",
-    "simulated_height_m",
-    "flight_height_m",
-    "flight_height_m_sigma",
-    "flight_height_m_sigma_common",
-    "flight_time_s",
-    "lift_off_s",
-    "n_jumps",
-    "mu",
-    "mu_sigma",
-    "mu_sigma_common",
-    "beta_deg",
-    "beta_deg_sigma",
-    "beta_deg_sigma_common",
-    "added_mass_kg",
-    "added_mass_kg_sigma",
-    "added_mass_kg_sigma_common",
-    "sigma_volume_fraction",
-    "sigma_common_volume_fraction",
-)
-
-
-def jumps_table(campaign: Campaign, outcomes: list[Outcome]) -> list[dict[str, Any]]:
+def jumps_table(campaign: Campaign, outcomes: list[Outcome]) -> list[JumpRow]:
     """One row an experiment, failed and excluded ones with their reason."""
     by_name = {o.name: o for o in outcomes}
     rows = []
     for e in campaign.experiments:
-        a, o = e.sections.get("actuation"), by_name[e.name]
+        a, o = e.section(Actuation), by_name[e.name]
         rows.append(
-            {
-                "experiment": e.name,
-                "group": e.header.group or None,
-                "kind": a.kind if a else None,
-                "frequency_hz": a.frequency if a else None,
-                "delay_s": a.delay if a else None,
-                "volume_fraction": o.summary.get("volume_fraction"),
-                **{c: o.summary.get(c) for c in JUMP_COLUMNS},
-                "problem": o.errors[0] if o.errors else None,
-            }
+            JumpRow(
+                e.name,
+                e.header.group or None,
+                a.kind if a else None,
+                a.frequency if a else None,
+                a.delay if a else None,
+                o.summary,
+                o.errors[0] if o.errors else None,
+            )
         )
-    rows += [{"experiment": n, "problem": f"excluded: {why}"} for n, why in campaign.excluded.items()]
-    return rows
+    return rows + [JumpRow(n, problem=f"excluded: {why}", excluded=True) for n, why in campaign.excluded.items()]
 
 
-def write_jumps(rows: list[dict[str, Any]], results: Path) -> Path:
+def write_jumps(rows: list[JumpRow], results: Path) -> Path:
     """jumps.csv; the file."""
-    text = io.StringIO()
-    table = csv.DictWriter(text, list(dict.fromkeys(c for row in rows for c in row)), lineterminator="\n")
+    text, cells = io.StringIO(), [r.cells() for r in rows]
+    table = csv.DictWriter(text, list(dict.fromkeys(c for row in cells for c in row)), lineterminator="\n")
     table.writeheader()
-    table.writerows(plain(rows))
+    table.writerows(plain(cells))
     write_aside(results / files.JUMPS, text.getvalue())
     return results / files.JUMPS
 

@@ -117,7 +117,7 @@ def _jump(e: Experiment, outcome: Outcome) -> Jump:
     p, _ = read(SimulateParams, e.params.get("simulate", {}), "")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StageWarning)  # said by the stage `simulate`
-        model = build_model(e, e.section(Robot), spec_of(e), section, bed)
+        model = build_model(e, e.required(Robot), spec_of(e), section, bed)
         forcing, stop = driver(
             log, e.section(Actuation), e.section(Motor), p or SimulateParams(), sand=e.ground == "granular"
         )

@@ -16,9 +16,10 @@ from jumpvision.experiment.workflow.run import Outcome
 from jumpvision.jumper.mechanisms.registry import MECHANISMS, ModelParameters
 
 if TYPE_CHECKING:
-    from jumpvision.experiment.results.diagnosis import Diagnosis
+    from jumpvision.engine.document.diagnosis import Diagnosis
+    from jumpvision.engine.document.values import Cause, Confirmation, Parameter
     from jumpvision.experiment.results.fields import Flow
-    from jumpvision.experiment.results.findings import Cause, Confirmation, Parameter
+    from jumpvision.experiment.results.summary import Summary
 
 INSIDE, OUTSIDE, ABSENT = "inside 95 %", "outside 95 %", "does not act"
 
@@ -35,9 +36,10 @@ class Quantity(NamedTuple):
     def word(self) -> str:
         return self.heading.split(" [")[0]
 
-    def of(self, summary: Mapping[str, float | None]) -> tuple[float | None, float | None]:
+    def of(self, summary: Summary) -> tuple[float | None, float | None]:
         """(value, standard uncertainty), None where unknown."""
-        return summary.get(self.key), summary.get(self.sigma) if self.sigma else None
+        known: Mapping[str, Any] = summary.values
+        return known.get(self.key), known.get(self.sigma) if self.sigma else None
 
 
 OVERVIEW = (
@@ -160,8 +162,8 @@ def confirmation_rows(diagnosis: Diagnosis, campaign: Campaign) -> list[dict[str
         mass = r.depth_m is not None
         quantity = f"added mass, {1e3 * r.depth_m:.1f} mm deep" if r.depth_m is not None else r.quantity
         row = {"quantity": quantity, "source": r.source, "unit": unit_words(r.unit)}
-        row["measured"] = measured(known(r.by_film), r.by_film_sigma)
-        row["jumps alone"] = measured(known(r.by_jumps), r.by_jumps_sigma)
+        row["measured"] = measured(finite(r.by_film), r.by_film_sigma)
+        row["jumps alone"] = measured(finite(r.by_jumps), r.by_jumps_sigma)
         row |= {"z": f"{r.z:+.1f}" if isfinite(r.z) else "", "verdict": r.verdict}
         if truth:
             true = true_mass(r, campaign, truth) if mass else truth.value(r.quantity)
@@ -172,7 +174,7 @@ def confirmation_rows(diagnosis: Diagnosis, campaign: Campaign) -> list[dict[str
     return rows
 
 
-def known(value: float) -> float | None:
+def finite(value: float) -> float | None:
     """None for a number that is not known."""
     return value if isfinite(value) else None
 
@@ -200,10 +202,10 @@ def true_mass(row: Confirmation, campaign: Campaign, truth: Truth) -> float | No
     e = campaign[row.experiment]
     robot, bed, own = e.section(Robot), e.section(Bed), truth_of(e.path)
     C, mu, theta = (truth.value(n) for n in ("C", "mu", "theta"))
-    R, phi = robot and robot.foot_radius, own.get("volume_fraction")
+    R, phi = robot.foot_radius if robot else None, own.get("volume_fraction")
     if C is None or mu is None or theta is None or R is None or phi is None or bed is None:
         return None
-    return float(cone_mass(np, row.depth_m, C, mu, theta, R, phi, bed.grain_density))
+    return float(cone_mass(np, z=row.depth_m, C=C, mu=mu, theta=theta, R=R, phi=phi, rho=bed.grain_density))
 
 
 def deviations(campaign: Campaign, outcomes: Sequence[Outcome]) -> Iterator[tuple[str, float]]:
@@ -229,7 +231,7 @@ def coverage_words(campaign: Campaign, outcomes: Sequence[Outcome]) -> str:
 def overview(campaign: Campaign, outcomes: Sequence[Outcome]) -> list[dict[str, str]]:
     """One row an experiment: jump height, model and bed, with the truth beside them where the folder is synthetic."""
     truth = true_summaries(campaign, outcomes)
-    shown = [q for q in OVERVIEW if any(o.summary.get(q.key) is not None for o in outcomes)]
+    shown = [q for q in OVERVIEW if any(q.of(o.summary)[0] is not None for o in outcomes)]
     stated = {q for q in shown if any(q.key in t for t in truth.values())}
     rows = []
     for o in outcomes:
@@ -248,7 +250,7 @@ def details(campaign: Campaign, outcomes: Sequence[Outcome]) -> list[dict[str, s
     stated = any(truth.values())
     rows = []
     for o in outcomes:
-        for q in (q for q in DETAILS if o.summary.get(q.key) is not None):
+        for q in (q for q in DETAILS if q.of(o.summary)[0] is not None):
             row = {"experiment": o.name, "quantity": q.heading, "measured": measured(*q.of(o.summary), q.factor)}
             if stated:
                 row["true"] = plain_number(truth[o.name].get(q.key), q.factor)

@@ -6,43 +6,64 @@ import difflib
 import re
 import tomllib
 from collections.abc import Mapping
+from functools import reduce
+from typing import Any
+
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
 
 from jumpvision.base.schema import InputError
 from jumpvision.experiment.inputs.experiment import merged
 
 from .measure import Values
-from .text import line_of
+from .text import item_of, line_of
 
 HEADER = re.compile(r"\s*(?:#\s*)?\[([A-Za-z0-9_.]+)\]\s*(?:#.*)?$")
 Edits = Mapping[str, Values]
 
 
 def edited(text: str, edits: Edits, where: str) -> str:
-    """The text with values (value, why) by section and key: in the key's line, in the line that keeps it open behind a
+    """The text with values (value, why) by section and key: in the key's place, in the line that keeps it open behind a
     #, else under the section's header, else in a new section at the end.
 
-    where: the file, to name. Raises InputError where the text cannot be edited by lines, as a list over several.
+    where: the file, to name. Raises InputError where another value would change with it, as where a section is none.
     """
-    lines = text.split("\n")
-    for section, values in edits.items():
-        for key, (value, why) in values.items():
-            lines = _with(lines, section, line_of(key, value, why), key)
-    out = "\n".join(lines)
-    wanted = tomllib.loads(text)
-    for section, values in edits.items():
-        table: object = {key: value for key, (value, _) in values.items()}
-        for part in reversed(section.split(".")):
-            table = {part: table}
-        wanted = merged(wanted, table)  # type: ignore[arg-type]
+    out, wanted = text, tomllib.loads(text)
     try:
+        for section, values in edits.items():
+            for key, (value, why) in values.items():
+                out = _put(out, section, key, value, why)
+            table: Mapping[str, Any] = {key: value for key, (value, _) in values.items()}
+            wanted = merged(wanted, reduce(lambda inner, part: {part: inner}, reversed(section.split(".")), table))
         same = tomllib.loads(out) == wanted
-    except tomllib.TOMLDecodeError:
+    except (TOMLKitError, tomllib.TOMLDecodeError, TypeError):
         same = False
     if not same:
         raise InputError(
-            [f"{where}: {', '.join(f'[{s}]' for s in edits)} cannot be edited line by line; write each key on one line"]
+            [f"{where}: {', '.join(f'[{s}]' for s in edits)} cannot be edited; write each section under its [name]"]
         )
     return out
+
+
+def _put(text: str, section: str, key: str, value: Any, why: str) -> str:
+    document = tomlkit.parse(text)
+    if replaced(document, section.split("."), key, value, why):
+        return tomlkit.dumps(document)
+    # what is kept open stands in comments, which are no part of a document
+    return "\n".join(_with(text.split("\n"), section, line_of(key, value, why), key))
+
+
+def replaced(table: Any, path: list[str], key: str, value: Any, why: str) -> bool:
+    """Put a value in the place of one that is there, however it is written; False where there is none."""
+    for part in path:
+        if part not in table:
+            return False
+        table = table[part]
+    if key not in table:
+        return False
+    if table[key] != value:
+        table[key] = item_of(key, value, why)
+    return True
 
 
 def difference(old: str, new: str) -> list[str]:
@@ -51,16 +72,15 @@ def difference(old: str, new: str) -> list[str]:
 
 
 def _with(lines: list[str], section: str, line: str, key: str) -> list[str]:
+    """The lines with one more: in place of that which keeps the key open, else the last of its section."""
     start = next((i for i, text in enumerate(lines) if _header(text) == section), None)
     if start is None:
         tail = lines[: len(lines) - (lines[-1] == "")]
         return [*tail, "", f"[{section}]", line, ""]
     head = f"[{section}]" if lines[start].lstrip().startswith("#") else lines[start]
     end = next((i for i in range(start + 1, len(lines)) if _header(lines[i]) is not None), len(lines))
-    own = re.compile(rf"\s*(#\s*)?{re.escape(key)}\s*=")
-    found = [i for i in range(start + 1, end) if own.match(lines[i])]
-    at = min(found, key=lambda i: lines[i].lstrip().startswith("#"), default=None)
     out = [*lines[:start], head, *lines[start + 1 : end]]
+    at = next((i for i in range(start + 1, end) if re.match(rf"\s*#\s*{re.escape(key)}\s*=", lines[i])), None)
     if at is None:
         last = max((i for i in range(start, end) if lines[i].strip() and not lines[i].startswith("# [")), default=start)
         return [*out[: last + 1], line, *out[last + 1 :], *lines[end:]]

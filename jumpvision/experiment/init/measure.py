@@ -14,7 +14,8 @@ import numpy as np
 
 from jumpvision.base.schema import InputError
 from jumpvision.experiment.inputs.sections import PHASES
-from jumpvision.films.vision.camera import READING, UP, marks_share
+from jumpvision.films.calibration import CLICKED_MARK
+from jumpvision.films.vision.camera import UP, marks_share
 
 from .recognise import FILMS, Recording, ball, moving_ball, opened
 
@@ -83,7 +84,7 @@ def with_picks(folder: Path, recording: Recording, picks: Picks) -> tuple[Record
         scale = 1e-3 * picks.distance / length
         values["scale"] = (_digits(scale), f"{picks.distance:g} mm over {length:.1f} px")
         ends = np.array([complex(*picks.marks[:2]), complex(*picks.marks[2:])])
-        clicks = f"each click good to {READING:g} px a coordinate, the distance exact"
+        clicks = f"each click good to {CLICKED_MARK.value:g} px a coordinate, the distance exact"
         values["scale_sigma"] = (_rounded(scale * marks_share(ends, math.nan)), clicks)
     if recording.section == "grain_video" and picks.foot:
         values["axis_column"], values["foot_row"] = ((round(v, 2), "as picked") for v in picks.foot)
@@ -103,7 +104,7 @@ def _ball(path: Path, picks: Picks) -> tuple[Values, Values, list[str]]:
     if picks.ball_diameter:
         values["ball_diameter"] = (1e-3 * picks.ball_diameter, "as given")
     seed = (picks.ball[0], picks.ball[1]) if picks.ball else None
-    seen = _seen(path, seed)
+    seen = _balls_in(path, seed)
     if not seen:
         if seed is None:
             return values, {}, ["no ball was found in the first frames: give --ball COLUMN,ROW, or run init --pick"]
@@ -133,7 +134,7 @@ Ball = tuple[str, float, float, float]  # polarity, column, row, diameter [px]
 
 
 @lru_cache(maxsize=32)  # a page asks again for every number that is typed beside it
-def _seen(path: Path, seed: tuple[float, float] | None) -> list[tuple[int, Ball]]:
+def _balls_in(path: Path, seed: tuple[float, float] | None) -> list[tuple[int, Ball]]:
     """The ball in the first frames, with their numbers; where it moves into a film later, there."""
     film, _ = opened(path)
     with film:

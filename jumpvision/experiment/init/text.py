@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+import tomlkit
+from tomlkit.items import Item
 
 from jumpvision.base.schema import InputError, allowed
 from jumpvision.base.storage import write_aside
@@ -87,7 +89,7 @@ def robot_and_bed(ground: str) -> str:
 
 def _section(name: str, values: Values, keys: Sequence[str], *, facts: Sequence[str] = (), live: bool = True) -> str:
     """A table; live: as values, else all of it as comments."""
-    fields = {f.name: f for f in dataclasses.fields(SECTIONS[name])}  # type: ignore[arg-type]
+    fields = {f.name: f for f in dataclasses.fields(SECTIONS[name])}
     lines = [f"[{name}]", *facts]
     for key in dict.fromkeys([*values, *keys]):
         if key in values:
@@ -101,16 +103,29 @@ def _section(name: str, values: Values, keys: Sequence[str], *, facts: Sequence[
     return "\n".join(lines)
 
 
+WIDTH = 32  # columns before a comment
+
+
 def line_of(key: str, value: Any, why: str) -> str:
-    text = f"{key} = {json.dumps(value, ensure_ascii=False)}"
-    return f"{text:<32}# {_comment(why)}" if why else text
+    """A key with its value and, where there is something to say, why it has that."""
+    made = item_of(key, value, why)
+    return f"{key} = {made.as_string()}{made.trivia.comment_ws}{made.trivia.comment}"
+
+
+def item_of(key: str, value: Any, why: str) -> Item:
+    """The value for a TOML document, its comment in the column of all."""
+    made = tomlkit.item(value)
+    if why:
+        made.comment(_comment(why))
+        made.trivia.comment_ws = " " * max(WIDTH - len(f"{key} = {made.as_string()}"), 0)
+    return made
 
 
 def _open(key: str, field: Any) -> str:
     m = field.metadata
     what = ": ".join(t for t in (m["unit"], m["meaning"]) if t)
     words = f" ({allowed(m)})" if m["choices"] else ""
-    return f"{f'# {key} = ':<32}# {what}{words}"
+    return f"{f'# {key} = ':<{WIDTH}}# {what}{words}"
 
 
 def _comment(text: str) -> str:

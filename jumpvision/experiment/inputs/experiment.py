@@ -11,10 +11,10 @@ import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from jumpvision.base import notebook as reprs
-from jumpvision.base.schema import InputError, closest, read
+from jumpvision.base.schema import InputError, Toml, closest, read
 
 from .model import considered_of, model_of, model_tables, own_of, read_toml
 from .names import alike, file_problem, name_problem
@@ -22,6 +22,7 @@ from .overrides import TABLES
 from .parameters import PARAMS
 from .sections import SECTIONS, Calibration, Header, Section
 
+S = TypeVar("S", bound=Section)
 EXPERIMENT, CAMPAIGN = "experiment.toml", "campaign.toml"
 
 
@@ -36,17 +37,27 @@ class Experiment:
     path: Path
     name: str
     header: Header
-    sections: Mapping[str, Any]
-    params: Mapping[str, Mapping[str, Any]]
+    sections: Toml
+    params: Mapping[str, Toml]
     campaign: Path | None = None
 
     @property
     def ground(self) -> str:
         return self.header.ground
 
-    def section(self, cls: type[Section]) -> Any:
+    def section(self, cls: type[S]) -> S | None:
         """The section of this type, or None."""
-        return self.sections.get(cls.name)
+        found = self.sections.get(cls.name)
+        return found if isinstance(found, cls) else None
+
+    def required(self, cls: type[S]) -> S:
+        """The section of this type. InputError where it is not given."""
+        if (found := self.section(cls)) is None:
+            raise InputError([f"{self.path / EXPERIMENT}: [{cls.name}]: missing"])
+        return found
+
+    def __fspath__(self) -> str:
+        return str(self.path)
 
     _repr_html_ = reprs.experiment
 
@@ -71,6 +82,9 @@ class Campaign:
 
     def __iter__(self) -> Iterator[Experiment]:
         return iter(self.experiments)
+
+    def __fspath__(self) -> str:
+        return str(self.path)
 
     _repr_html_ = reprs.campaign
 
@@ -114,8 +128,8 @@ def open_experiment(path: str | os.PathLike[str], **options: Any) -> Experiment:
 def open_campaign(
     path: str | os.PathLike[str],
     *,
-    pipeline: Mapping[str, Mapping[str, Any]] | None = None,
-    overrides: Mapping[str, Mapping[str, Any]] | None = None,
+    pipeline: Mapping[str, Toml] | None = None,
+    overrides: Mapping[str, Toml] | None = None,
 ) -> Campaign:
     """Every experiment folder below `path`.
 
@@ -153,8 +167,8 @@ def open_folder(
     path: str | os.PathLike[str],
     *,
     model: Path | None = None,
-    pipeline: Mapping[str, Mapping[str, Any]] | None = None,
-    overrides: Mapping[str, Mapping[str, Any]] | None = None,
+    pipeline: Mapping[str, Toml] | None = None,
+    overrides: Mapping[str, Toml] | None = None,
 ) -> Experiment | Campaign:
     """The experiment, or the campaign, at `path`. model: a model.toml whose [model] and [robot] come over the folder's.
 
@@ -193,7 +207,7 @@ def _defaults(folder: Path) -> tuple[tuple[Path | None, dict[str, Any]], list[st
     return (folder, table), problems
 
 
-def merged(low: Mapping[str, Any], high: Mapping[str, Any]) -> dict[str, Any]:
+def merged(low: Toml, high: Toml) -> dict[str, Any]:
     """Tables of `high` over those of `low`, key by key."""
     out = dict(low)
     for key, value in high.items():
@@ -204,10 +218,10 @@ def merged(low: Mapping[str, Any], high: Mapping[str, Any]) -> dict[str, Any]:
 
 def _read(
     folder: Path,
-    defaults: tuple[Path | None, Mapping[str, Any]],
+    defaults: tuple[Path | None, Toml],
     *,
-    pipeline: Mapping[str, Mapping[str, Any]] | None = None,
-    overrides: Mapping[str, Mapping[str, Any]] | None = None,
+    pipeline: Mapping[str, Toml] | None = None,
+    overrides: Mapping[str, Toml] | None = None,
 ) -> tuple[Experiment | None, list[str]]:
     file = folder / EXPERIMENT
     own, problems = read_toml(file)
@@ -239,7 +253,7 @@ def _read(
     return Experiment(folder, name, header, sections, table.get("params", {}), campaign), []
 
 
-def without_folder(table: Mapping[str, Any], where: str) -> Experiment:
+def without_folder(table: Toml, where: str) -> Experiment:
     """The experiment that tables describe as experiment.toml would, without recordings. Raises InputError."""
     header, sections, problems = _checked(table, where)
     problems += [f"{where} [{k}]: a recording; it needs a folder" for k in sections if _names_a_file(k)]
@@ -252,9 +266,7 @@ def _names_a_file(section: str) -> bool:
     return "file" in getattr(SECTIONS.get(section), "__dataclass_fields__", ())
 
 
-def _checked(
-    table: Mapping[str, Any], where: str, file: Path | None = None
-) -> tuple[Header | None, Mapping[str, Any], list[str]]:
+def _checked(table: Toml, where: str, file: Path | None = None) -> tuple[Header | None, Toml, list[str]]:
     """(header, sections by name, problems) of the tables of an experiment. where: to name; file: that they stand in."""
     known = {*SECTIONS, *TABLES, "params"}
     problems = [
@@ -296,7 +308,7 @@ def _other_schema(number: Any) -> str:
     return f"older than any format there was; write schema = {SCHEMA} and run jumpvision check on the folder"
 
 
-def _params(table: Mapping[str, Any], where: str) -> list[str]:
+def _params(table: Toml, where: str) -> list[str]:
     """Problems of [params.*] tables; the stages declare what is allowed."""
     problems = []
     for stage, values in table.items():

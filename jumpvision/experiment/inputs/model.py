@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from jumpvision.base.schema import InputError, check_value, closest, param, read
+from jumpvision.base.schema import InputError, Toml, check_value, closest, param, read
 from jumpvision.base.storage import irregular
 
 from .sections import Section
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from jumpvision.jumper.physics.packing import Laws
 
 LARGEST = 10**6  # bytes of a TOML file
-OwnTables = Mapping[str, Any]  # the user's tables [mechanism.NAME], as TOML has them
+OwnTables = Toml  # the user's tables [mechanism.NAME], as TOML has them
 
 
 @dataclass(frozen=True)
@@ -111,19 +111,22 @@ def read_toml(file: Path) -> tuple[dict[str, Any], list[str]]:
         return {}, [f"{file}: cannot be read: {e.strerror}"]
 
 
+def tables_of(file: Path) -> dict[str, Any]:
+    """What a TOML file holds. InputError where it cannot be read."""
+    tables, problems = read_toml(file)
+    if problems:
+        raise InputError(problems)
+    return tables
+
+
 def read_model(file: Path) -> ModelSpec:
     """[model] of a TOML file such as model.toml; its other tables are left alone. InputError with every problem."""
-    try:
-        table, problems = read_toml(file)
-    except OSError as e:
-        raise InputError([f"{file}: cannot be read ({e.strerror}); name a TOML file with a [model]"]) from None
-    spec = None
-    if not problems and not isinstance(table.get("model"), Mapping):
-        problems = [f"{file}: [model]: missing; give terms and their parameters"]
-    elif not problems:
-        own, problems = own_of(table.get("mechanism", {}), f"{file}: [mechanism]", file)
-        if not problems:
-            spec, problems = model_of(table["model"], f"{file} [model]", table.get("mechanism", {}), own)
+    table, spec = tables_of(file), None
+    if not isinstance(table.get("model"), Mapping):
+        raise InputError([f"{file}: [model]: missing; give terms and their parameters"])
+    own, problems = own_of(table.get("mechanism", {}), f"{file}: [mechanism]", file)
+    if not problems:
+        spec, problems = model_of(table["model"], f"{file} [model]", table.get("mechanism", {}), own)
     if spec is None:
         raise InputError(problems)
     return spec
@@ -132,11 +135,11 @@ def read_model(file: Path) -> ModelSpec:
 def model_tables(file: Path) -> dict[str, Any]:
     """[model], [mechanism] and [robot] of a model.toml as overrides of a folder's own. InputError: every problem."""
     read_model(file)
-    return {k: v for k, v in read_toml(file)[0].items() if k in ("model", "robot", "mechanism")}
+    return {k: v for k, v in tables_of(file).items() if k in ("model", "robot", "mechanism")}
 
 
 def model_of(
-    table: Mapping[str, Any], where: str, tables: OwnTables, own: Mapping[str, Mechanism]
+    table: Toml, where: str, tables: OwnTables, own: Mapping[str, Mechanism]
 ) -> tuple[ModelSpec | None, list[str]]:
     """(the section, problems) of a [model] table; None where there are problems. where: file and section, to name.
 
@@ -196,7 +199,7 @@ def model_of(
 
 
 def considered_of(
-    table: Mapping[str, Any], where: str, tables: OwnTables, own: Mapping[str, Mechanism]
+    table: Toml, where: str, tables: OwnTables, own: Mapping[str, Mechanism]
 ) -> tuple[Considered | None, list[str]]:
     """(the section, problems) of a [diagnosis] table; own, tables: as in `model_of`."""
     found, problems = read(Considered, table, where)

@@ -123,7 +123,7 @@ class Bed(Section):
     solid_volume: float | None = param(None, "m^3", "total volume of the grains", lo=0, hi=100.0, open_lo=True)
     length: float | None = param(None, "m", "bed length", lo=0, hi=100.0, open_lo=True)
     width: float | None = param(None, "m", "bed width", lo=0, hi=100.0, open_lo=True)
-    grain_density: float = param(1000.0, "kg/m^3", "density of a grain", lo=1.0, hi=3e4)
+    grain_density: float = param(1000.0, "kg/m^3", "density of a grain; 1 g/cm^3 is 1000", lo=10.0, hi=3e4)
     grain_diameter: float | None = param(None, "m", "grain diameter", lo=0, hi=0.1, open_lo=True)
 
 

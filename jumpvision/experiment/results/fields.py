@@ -11,32 +11,18 @@ import shutil
 import tempfile
 import weakref
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self
 
+from jumpvision.base.attributes import as_attributes as as_attributes
+from jumpvision.base.attributes import attributes_of as attributes_of
+from jumpvision.base.record import Record, RecordError
+from jumpvision.films.grains.dataset import as_matched
 from jumpvision.films.grains.grid import VectorGrid
-
-from . import Record, RecordError
 
 if TYPE_CHECKING:
     import xarray as xr
-
-G = TypeVar("G")
-
-
-def attributes_of(kind: type[G], data: xr.Dataset) -> G:
-    """What the attributes of a data set say, as this kind of dataclass. RecordError where one is missing."""
-    known = {f.name: data.attrs[f.name] for f in fields(kind) if f.name in data.attrs}  # type: ignore[arg-type]
-    try:
-        return kind(**known)
-    except TypeError as e:
-        raise RecordError(f"attributes of the data set: {e}") from None
-
-
-def as_attributes(known: object) -> dict[str, object]:
-    """A dataclass as attributes, in its own order; without what is not known. The inverse of attributes_of."""
-    return {k: v for k, v in vars(known).items() if v is not None}
 
 
 def unit_of(values: xr.DataArray) -> str:
@@ -81,26 +67,15 @@ class Piv(Field):
 
     @property
     def as_matched(self) -> xr.Dataset:
-        """The field with its vectors as they were matched, before they were drawn together: for means, fits and
-        derivatives, whose noise goes by itself, while what smoothing rounds off does not come back."""
-        names = {f"{n}_matched{s}": f"{n}{s}" for n in ("u", "v") for s in ("", "_sigma")}
-        if not names.keys() <= set(self.field.data_vars):  # of another program, or of discs
-            return self.field
-        return self.field.drop_vars(list(names.values())).rename(names)
+        """The field with its raw vectors, as they were before smoothing, for means, fits and derivatives.
+
+        Their noise goes by itself, while what smoothing rounds off does not come back."""
+        return as_matched(self.field)
 
     @property
     def face_sigma(self) -> float:
         """Standard uncertainty of the foot's face that all times share [unit of places]; 0 where not known."""
         return float(self.field.foot_y_sigma.attrs.get("shared_by_all_times", 0.0))
-
-    @staticmethod
-    def described(data: xr.Dataset, grid: VectorGrid, *, matched: bool, **more: object) -> xr.Dataset:
-        """The data set with the attributes of pivpy schema 1 and ours. matched: by our own piv, not by another program.
-
-        more: files, where, and the settings of who computed it, by the names in ORDER.
-        """
-        known = {"pivpy_schema_version": "1", **as_attributes(grid), **more}
-        return data.assign_attrs({k: known[k] for k in ORDER[matched] if k in known})
 
     @classmethod
     def load(cls, folder: Path) -> Self:
@@ -129,16 +104,6 @@ class Piv(Field):
         return cls(field, folder / cls.file)
 
 
-FIRST = "delta_t", "files", "pivpy_schema_version", "source"
-PLACES = "origin_column_px", "origin_row_px"
-SIZE = "image_rows", "image_columns"
-WINDOWS = "window_px", "step_px"
-SETTINGS = "preset", "smooth", "gap_frames", "stride_frames", "baseline_frames", "ensemble_pairs"
-SCALE = "scale_m_per_px", "scale_share"
-ORDER = {  # of the attributes in the file of a field that our piv matched, and of one that another program did
-    True: (*FIRST, *SCALE, *PLACES, *WINDOWS, *SIZE, *SETTINGS, "error_px", "where", "prefilter_px"),
-    False: (*FIRST, "foot", *SCALE, *WINDOWS, "error_px", *PLACES, *SIZE, "where", "kernel"),
-}
 AXES = "y", "x", "t"
 TOGETHER = 16  # times that are compressed and written at once
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, Self
 
-from . import Record, RecordError
+from jumpvision.base.record import Record, RecordError
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from jumpvision.base.arrays import Array
 
 
 def _read_csv(file: Path) -> pd.DataFrame:
@@ -78,15 +80,15 @@ class BesideModel(NamedTuple):
     """A rod and its model, heights above rest, arrays: measured at t (n,) [s] as h [m] with all of its standard
     uncertainty sigma [m]; the model at the same times; its own course model_h (m,) [m] at model_t [s]."""
 
-    t: Any
-    h: Any
-    sigma: Any
-    model: Any
-    model_t: Any
-    model_h: Any
+    t: Array
+    h: Array
+    sigma: Array
+    model: Array
+    model_t: Array
+    model_h: Array
 
     @property
-    def difference(self) -> Any:
+    def difference(self) -> Array:
         """Measured minus model [m], (n,)."""
         return self.h - self.model
 
@@ -118,7 +120,7 @@ class RodMotion(Table):
     further = ("sigma_common_m", "lens_m", "corrected")
 
     @property
-    def arrays(self) -> tuple[Any, Any, Any]:
+    def arrays(self) -> tuple[Array, Array, Array]:
         """time [s], height [m] and the independent part of sigma [m], by which fits weight, as numpy arrays."""
         from jumpvision.estimate.estimate import independent
 
@@ -135,12 +137,12 @@ class RodMotion(Table):
         return BesideModel(t, h, sigma, np.interp(t, model_t, height), model_t, height)
 
     @property
-    def common(self) -> Any:
+    def common(self) -> Array:
         """The part of sigma [m] that other recordings share, (n,); zeros in a file from before it was stated."""
         return self._further("sigma_common_m")
 
     @property
-    def lens(self) -> Any:
+    def lens(self) -> Array:
         """Signed change of each height [m] by one standard uncertainty of k1, (n,); zeros where it is exact."""
         return self._further("lens_m")
 
@@ -156,7 +158,7 @@ class RodMotion(Table):
         by_scale = independent(self.common, np.abs(self.lens))[far]
         return float(by_scale / height[far]) if height[far] > 0.0 else 0.0
 
-    def _further(self, column: str) -> Any:
+    def _further(self, column: str) -> Array:
         import numpy as np
 
         return self.table[column].to_numpy(float) if column in self.table else np.zeros(len(self.table))

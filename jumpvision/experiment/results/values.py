@@ -3,26 +3,31 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Required, Self, TypedDict, cast
+from typing import TYPE_CHECKING, Generic, Required, Self, TypeAlias, TypedDict, TypeVar
 
+from jumpvision.base.record import Record, plain
 from jumpvision.experiment import files
 
-from . import Record, plain
-
 if TYPE_CHECKING:
+    import numpy as np
     import pandas as pd
+    from numpy.typing import NDArray
 
     from jumpvision.estimate.estimate import Estimate
 
 
-@dataclass(frozen=True)
-class Values(Record):
-    """A JSON object; NaN is written as null."""
+V = TypeVar("V")
+Column: TypeAlias = "NDArray[np.number] | Sequence[float | None]"  # (n,); None for NaN in a file
 
-    values: dict[str, Any]
+
+@dataclass(frozen=True)
+class Values(Record, Generic[V]):
+    """A JSON object; NaN is written as null. V: what is in it, by key."""
+
+    values: V
 
     def save(self, folder: Path) -> None:
         (folder / self.file).write_text(json.dumps(plain(self.values), indent=1) + "\n", encoding="utf-8")
@@ -32,7 +37,49 @@ class Values(Record):
         return cls(json.loads((folder / cls.file).read_text(encoding="utf-8")))
 
 
-class BedHeight(Values):
+class BedProfile(TypedDict):
+    """The surface, a value a column of the picture: as seen [px], and in metres over the floor."""
+
+    column_px: Column
+    row_px: Column
+    sigma_px: Column
+    x_m: Column
+    height_m: Column
+
+
+class BedSeries(TypedDict):
+    """Of every picture; changes are those since the first."""
+
+    time_s: Column
+    height_m: Column
+    sigma_m: Column
+    sigma_common_m: Column
+    change_m: Column
+    sigma_change_m: Column
+    sigma_common_change_m: Column
+    volume_fraction: Column
+    sigma_volume_fraction: Column
+    sigma_common_volume_fraction: Column
+
+
+class BedValues(TypedDict, total=False):
+    """bed.json, of the picture that counts; the volume fraction None where it is not known, series of several."""
+
+    height_m: Required[float]
+    sigma_m: Required[float]
+    sigma_common_m: Required[float]
+    volume_fraction: Required[float | None]
+    sigma_volume_fraction: Required[float | None]
+    sigma_common_volume_fraction: Required[float | None]
+    tilt_rad: Required[float]
+    roughness_m: Required[float]
+    columns: Required[int]
+    picture: Required[int]
+    profile: Required[BedProfile]
+    series: BedSeries
+
+
+class BedHeight(Values[BedValues]):
     """Bed height [m], volume fraction and the surface profile, each with its standard uncertainty."""
 
     file = "bed.json"
@@ -41,17 +88,17 @@ class BedHeight(Values):
 class LaserLine(TypedDict):
     """Where the laser line was seen [px], of every column."""
 
-    column_px: list[float]
-    row_px: list[float | None]
-    sigma_px: list[float | None]
+    column_px: Column
+    row_px: Column
+    sigma_px: Column
 
 
 class CraterProfile(TypedDict):
     """Height [m] against distance from the axis [m], below zero on the left of it; None where nothing was seen."""
 
-    r_m: list[float]
-    height_m: list[float | None]
-    sigma_m: list[float | None]
+    r_m: Column
+    height_m: Column
+    sigma_m: Column
 
 
 class CraterValues(TypedDict, total=False):
@@ -59,23 +106,24 @@ class CraterValues(TypedDict, total=False):
 
     volume_m3: Required[float]
     sigma_m3: Required[float]
+    sigma_common_m3: Required[float]
+    noise_sigma_m3: Required[float]
+    half_difference_m3: Required[float | None]
     depth_m: Required[float]
     rim_height_m: Required[float]
     radius_m: Required[float]
-    axis_m: Required[list[float]]
+    axis_m: Required[Sequence[float]]
+    volume_fraction: Required[float | None]
+    sigma_volume_fraction: Required[float | None]
+    sigma_common_volume_fraction: Required[float | None]
     profile: Required[CraterProfile]
     line: LaserLine
 
 
-class CraterShape(Values):
+class CraterShape(Values[CraterValues]):
     """Volume change of a crater [m^3] (negative: compacted), its depth and profile, and the bed's volume fraction."""
 
     file = "crater.json"
-
-    @property
-    def shape(self) -> CraterValues:
-        """What pictures show of what the file holds, as its type."""
-        return cast(CraterValues, self.values)
 
 
 class Checked(TypedDict):
@@ -119,15 +167,13 @@ class GeometryValues(TypedDict):
     fluidisation: Fluidisation | None
 
 
-class Geometry(Values):
+class Geometry(Values[GeometryValues]):
     """Walls, floor and fluidisation of the bed: findings with value, limit and meaning; speeds, pressures."""
 
     file = "geometry.json"
 
-    @property
-    def checked(self) -> GeometryValues:
-        """What the file holds, as its type."""
-        return cast(GeometryValues, self.values)
+
+Entry = dict[str, float | str | int | None]  # of a fit: value, sigma, sigma_common, unit, n, chi2, reason
 
 
 @dataclass(frozen=True)
@@ -145,22 +191,22 @@ class Fits(Record):
         """The fit of this name; None where the data did not ask for it."""
         return self.estimates.get(name)
 
-    def known(self, name: str) -> Estimate | None:
+    def determined(self, name: str) -> Estimate | None:
         """The same; None too where the data do not allow it."""
         found = self.estimates.get(name)
         return found if found is not None and found.known else None
 
     @property
-    def values(self) -> dict[str, dict[str, float | str | int | None]]:
+    def values(self) -> dict[str, Entry]:
         """As in the file: {name: {value, sigma, sigma_common, unit, n, chi2}}, null with its reason."""
         return {k: e.entry() for k, e in self.estimates.items()}
 
     @property
     def table(self) -> pd.DataFrame:
         """One row a fit: value, sigma, sigma_common, unit, n, chi2."""
-        import pandas as pd
+        from jumpvision.estimate.estimate import table_of
 
-        return pd.DataFrame.from_dict(self.values, orient="index")
+        return table_of(self.estimates)
 
     def save(self, folder: Path) -> None:
         (folder / self.file).write_text(json.dumps(self.values, indent=1) + "\n", encoding="utf-8")
@@ -170,35 +216,94 @@ class Fits(Record):
         return cls.of(json.loads((folder / cls.file).read_text(encoding="utf-8")))
 
     @classmethod
-    def of(cls, entries: Mapping[str, Mapping[str, float | str | int | None]]) -> Self:
+    def of(cls, entries: Mapping[str, Entry]) -> Self:
         """From what a file holds."""
         from jumpvision.estimate.estimate import Estimate
 
         return cls({k: Estimate.of_entry(e) for k, e in entries.items()})
 
 
-class Tested(Values):
-    """A test with `fits` of its own, which stand in fits.json too."""
+class IntrusionProfile(TypedDict):
+    """Means over bins of depth below the surface; event: that which a bin follows, -1 for none."""
 
-    @property
-    def fits(self) -> Fits:
-        """Its fits."""
-        return Fits.of(self.values["fits"])
+    depth_m: Column
+    force_N: Column
+    event: Column
+    fitted_N: Column
+    first_N: Column
 
 
-class Intrusion(Tested):
+class IntrusionEvent(TypedDict):
+    """A pause or a withdrawal, and the overshoot after it."""
+
+    kind: str
+    depth_m: float
+    pause_s: float
+    overshoot_N: float
+    sigma_N: float
+
+
+class ConeValues(TypedDict):
+    """The cone of resistive force theory as fitted: its parameters, and its force over the bins with its parts."""
+
+    k1: float
+    sigma_cone: float
+    mu: float
+    theta_rad: float
+    foot_radius_m: float
+    complete_depth_m: float
+    log_odds: float
+    force_N: Column
+    flat_N: Column
+    mantle_N: Column
+
+
+class IntrusionValues(TypedDict):
+    """intrusion.json; delta_ci95_m: of the bend, null where there is none; the cone None without the foot's radius."""
+
+    fits: dict[str, Entry]
+    p_one_slope: float
+    delta_ci95_m: list[float]
+    noise: dict[str, float]
+    profile: IntrusionProfile
+    events: list[IntrusionEvent]
+    first_intrusion: str
+    cone: ConeValues | None
+
+
+class Intrusion(Values[IntrusionValues]):
     """Force against depth of a slow intrusion: fits, averaged profile, events, the cone's prediction."""
 
     file = "intrusion.json"
 
+    @property
+    def fits(self) -> Fits:
+        """Its fits, which stand in fits.json too."""
+        return Fits.of(self.values["fits"])
 
-class SpringTest(Tested):
+
+class SpringProfile(TypedDict):
+    """Every sample; direction: 1 while the displacement grows, -1 while it falls, 0 about a turning point."""
+
+    displacement_m: Column
+    force_N: Column
+    direction: Column
+    fitted_N: Column
+
+
+class SpringValues(TypedDict):
+    """spring.json."""
+
+    fits: dict[str, Entry]
+    profile: SpringProfile
+
+
+class SpringTest(Values[SpringValues]):
     """Force against displacement of the spring: stiffness, hysteresis, curvature, and the record with its line."""
 
     file = "spring.json"
 
-
-class Summary(Values):
-    """One experiment in a few numbers; null where unknown."""
-
-    file = files.SUMMARY
+    @property
+    def fits(self) -> Fits:
+        """Its fits, which stand in fits.json too."""
+        return Fits.of(self.values["fits"])

@@ -4,16 +4,25 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from jumpvision.base.arrays import Array
-from jumpvision.estimate.decay import LAWS, MISFIT, decay_law
-from jumpvision.estimate.estimate import Estimate, checked
-from jumpvision.estimate.flight import Flights, contact_flights, final_flight, flight_height, restitution, track_flights
+from jumpvision.base.schema import Doubt
+from jumpvision.estimate.estimate import Estimate
+from jumpvision.estimate.flight import (
+    Flights,
+    Ring,
+    contact_flights,
+    final_flight,
+    flight_height,
+    restitution,
+    track_flights,
+)
 from jumpvision.estimate.height import at_rest, jump_height, rest_height
+from jumpvision.estimate.oscillation import decay_fits
 from jumpvision.estimate.ringdown import peaks_damping, ring_down, swings_until
 from jumpvision.estimate.robot import follow, motor_power
 from jumpvision.experiment.inputs.experiment import Experiment
@@ -27,6 +36,7 @@ from jumpvision.experiment.inputs.sections import (
     MotorLog,
     NotApplicable,
     Robot,
+    RodTrack,
     need,
 )
 from jumpvision.experiment.results.fields import Column, Flow
@@ -38,8 +48,9 @@ from jumpvision.experiment.workflow.stage import Inputs, StageWarning, stage
 from jumpvision.films.grains.cone import cone_growth
 from jumpvision.jumper.physics.oscillator import foot_frequency, foot_ripple, lift_off_amplitude
 
+from .crosschecks import cross_checks, motion_of
 from .recordings import scaled, timed
-from .rod import commanded, hanging_foot, other_spring, position_at, read_motor, total_mass
+from .rod import commanded, hanging_foot, other_spring, read_motor, total_mass
 
 NAN = math.nan
 
@@ -62,7 +73,7 @@ class Recordings(Inputs):
     clock: Clock | None
 
 
-@stage(version=14, any_of=("rod", "contact", "column", "flow", "intrusion", "spring", "log"))
+@stage(version=15, any_of=("rod", "contact", "column", "flow", "intrusion", "spring", "log"))
 def fit(experiment: Experiment, given: Recordings, *, p: FitParams) -> Fits:
     """Ring-down, flights, spring, column profile, jammed front, actuator: every fit with its uncertainty.
 
@@ -73,6 +84,8 @@ def fit(experiment: Experiment, given: Recordings, *, p: FitParams) -> Fits:
     out: dict[str, Estimate] = {}
     rod, contact, robot, law, log = given.rod, given.contact, given.robot, given.law, given.log
     column, flow, clock = given.column, given.flow, given.clock
+    for doubt in doubts(experiment, given):
+        warnings.warn(doubt, stacklevel=2)
     flights = find_flights(rod, contact, robot, law, log, p)
     if flights is not None:
         jumps = longer_than(flights, p.shortest_flight)
@@ -103,6 +116,27 @@ def fit(experiment: Experiment, given: Recordings, *, p: FitParams) -> Fits:
     if not out:
         raise NotApplicable([nothing_fitted(rod, law)])
     return Fits(out)
+
+
+def doubts(experiment: Experiment, given: Recordings) -> Iterator[Doubt]:
+    """Where the recordings contradict each other."""
+    rod, robot, law, log = given.rod, given.robot, given.law, given.log
+    motion = motion_of(*rod.arrays, robot, law, log) if rod is not None else None
+    touches = None if given.contact is None else contact_of(given.contact)
+    motor = None if log is None else read_motor(log, law)
+    return cross_checks("rod_track" if experiment.section(RodTrack) else "rod_video", motion, touches, law, motor)
+
+
+def contact_of(contact: ContactLog) -> tuple[Array, Array]:
+    """Times [s] and contact, 0 or 1. ValueError for other values."""
+    d = read_log(contact, "time_s", "contact")
+    bad = np.flatnonzero(~np.isin(d.contact, (0.0, 1.0)))
+    if bad.size:
+        raise ValueError(
+            f"{contact.path}: row {bad[0] + 1}, contact = {d.contact.iloc[bad[0]]:g}: must be 0 or 1 (in the air, on "
+            "the ground)"
+        )
+    return d.time_s.to_numpy(), d.contact.to_numpy()
 
 
 def nothing_fitted(rod: RodMotion | None, law: Actuation | None) -> str:
@@ -137,38 +171,41 @@ def find_flights(
 ) -> Flights | None:
     """Flights from the contact sensor, or without one from the track of the centre of mass of motor and rod."""
     if contact is not None:
-        d = read_log(contact, "time_s", "contact")
-        bad = np.flatnonzero(~np.isin(d.contact, (0.0, 1.0)))
-        if bad.size:
-            raise ValueError(
-                f"{contact.path}: row {bad[0] + 1}, contact = {d.contact.iloc[bad[0]]:g}: "
-                "must be 0 or 1 (in the air, on the ground)"
-            )
-        return contact_flights(d.time_s, d.contact, debounce=p.debounce)
+        return contact_flights(*contact_of(contact), debounce=p.debounce)
     if rod is None or robot is None:
         return None
-    t, h, sigma = rod.arrays
-    motor = position_at(t, law, log)
-    mass = total_mass(robot)
-    if motor is not None and mass and robot.motor_mass:
-        h = h + robot.motor_mass / mass * motor
-    elif law is not None and law.moves:  # the rod alone follows no parabola while the motor moves
-        h = np.where(t > law.stop, h, np.nan)
-    return track_flights(
-        t,
-        h,
-        sigma,
+    spring, foot = robot.spring_stiffness, hanging_foot(robot)
+    motion = motion_of(*rod.arrays, robot, law, log)
+    found = track_flights(
+        motion.t,
+        motion.height,
+        motion.sigma,
         gravity=robot.gravity,
+        gravity_sigma=robot.sigma.gravity,
         shortest=p.shortest_flight,
         max_gap=p.max_gap,
-        ripple=foot_ripple(*spring) if (spring := hanging_foot(robot)) else 0.0,
+        ripple=foot_ripple(*foot) if foot else 0.0,
+        lag=robot.spring_damping / spring if spring else 0.0,
+        ring=swing_of(robot),
     )
+    for doubt in found.doubts:
+        warnings.warn(f"flights: {doubt.message}", StageWarning, stacklevel=2)
+    return found
+
+
+def swing_of(robot: Robot) -> Ring | None:
+    """How a foot that hangs from the spring shakes the rod in flight; None without one."""
+    foot = hanging_foot(robot)
+    if foot is None:
+        return None
+    k, m_f, mass, _ = foot
+    light = 1.0 / m_f + 1.0 / mass
+    return Ring(math.sqrt(k * light), 0.5 * robot.spring_damping * light)
 
 
 def longer_than(flights: Flights, shortest: float) -> Flights:
     """The flights of at least `shortest` seconds, and those that the record cuts."""
-    keep = ~(flights.time < shortest)
-    return Flights(*(getattr(flights, k)[keep] for k in ("lift_off", "lift_off_sigma", "landing", "landing_sigma")))
+    return flights.only(~(flights.time < shortest))
 
 
 def flight_fits(
@@ -234,9 +271,7 @@ def theory(phi: float, p: FitParams) -> dict[str, Estimate]:
     }
 
 
-NAN = math.nan
 HOPPING, HOP = 10, 0.1  # steps, s: how far the start of the ring-down is moved past hops too short to be seen
-REFUSED = 1e-4  # chance below which a user is told that the decay is not viscous
 
 
 def ring_fits(
@@ -300,54 +335,6 @@ def ring_fits(
         offset = scaled(rows["ring_offset_m"], rod.scale_share)
         rows["ring_offset_m"] = offset.with_common(abs(float(lens.mean()))) if lens.any() else offset
         out |= rows | {k: timed(rows[k], clock, begin) for k in ("ring_start_s", "ring_stop_s")}
-    return out
-
-
-def ringdown_of_arrays(time_s: ArrayLike, x: ArrayLike, sigma: ArrayLike | None) -> dict[str, Estimate]:
-    """`jv.ringdown`: fits of a free oscillation in any unit; sigma: default what neighbours leave of each other."""
-    t, y = checked("ringdown", time_s=time_s, x=x)
-    if sigma is None:  # third differences of white noise have 20 times its variance
-        bends = np.diff(y[np.isfinite(y)], 3)
-        sigma = float(np.sqrt(np.mean(bends**2) / 20.0)) if bends.size else NAN
-    each = np.broadcast_to(np.asarray(sigma, float), t.shape)
-    if not np.all(each > 0.0):
-        raise ValueError("ringdown sigma: must be > 0 everywhere; give the noise of x, or more samples")
-    ring = ring_down(t, y, each)
-    out = ring.estimates()
-    if not ring.reason:
-        values = {
-            "ring_amplitude": (ring.amplitude, ring.amplitude_sigma),
-            "ring_offset": (ring.offset, ring.offset_sigma),
-        }
-        out |= {k: Estimate(float(v), float(s), "unit of x", ring.n, ring.chi2) for k, (v, s) in values.items()}
-        out |= decay_fits(t, y, each)
-    return out
-
-
-def decay_fits(t: Array, h: Array, sigma: Array) -> dict[str, Estimate]:
-    """Shares of the energy lost, rate and chance of each law, and that of each alone; a warning where viscous damping
-    is refused, and first of all where no law follows the record within its noise."""
-    decay = decay_law(t, h, sigma, rng=np.random.default_rng(0))
-    if decay.excess > MISFIT:
-        warnings.warn(
-            f"ring-down: chi2 is {decay.excess:.3g} per sample: no decay law follows the motion within the stated "
-            f"noise (sigma understated, or a motion that is more than one oscillation); all sigmas of the decay are "
-            f"{decay.widened:.2g} times wider for it, and its chances hold among these laws alone",
-            StageWarning,
-            stacklevel=2,
-        )
-    if decay.p_alone["viscous"] < REFUSED:
-        shares = ", ".join(f"{k} {e.value:.2f} ± {e.sigma:.2f}" for k, e in decay.share.items())
-        warnings.warn(
-            f"ring-down: viscous damping alone is refused (p = {decay.p_alone['viscous']:.1g}), zeta is an effective "
-            f"value; decay law: {decay.law}; shares of the energy lost: {shares}",
-            StageWarning,
-            stacklevel=2,
-        )
-    out = {f"decay_{k}_share": decay.share[k] for k in LAWS} | {f"decay_{k}_rate": decay.rate[k] for k in LAWS}
-    for k, e in decay.share.items():
-        out[f"decay_{k}_p_value"] = Estimate(decay.p_alone[k], NAN, "", e.n, e.chi2)
-        out[f"decay_{k}_chance"] = Estimate(decay.takes_part(k), NAN, "", e.n, e.chi2)
     return out
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from jumpvision.experiment.inputs.recordings import GrainVideo
 from jumpvision.experiment.workflow.stage import StageWarning
 from jumpvision.films.frames import Film, FrameError, open_frames
+from jumpvision.films.frames.names import numbering
 from jumpvision.films.frames.pictures import ImageFilm
 
 EVEN = 0.5  # of the time between frames: a larger gap is a frame that is missing
@@ -35,8 +36,13 @@ class InPairs(Film):
         self._film = film
         self.order = by_name(film) if section.pairs == "names" else by_order(film)
         first = film.time[self.order[::2]]
+        positions: NDArray[np.float64] | None = None
+        if isinstance(film, ImageFilm):  # pairs may be missing; the names of single frames tell A and B apart, too
+            found = numbering(film.path, [film.files[i] for i in self.order[::2]])
+            positions, self.warnings = found.positions, tuple(found.warnings)
         if section.frame_rate is not None:
-            first = section.start + np.arange(first.size) / section.frame_rate
+            slots = np.arange(first.size) if positions is None else positions
+            first = section.start + slots / section.frame_rate
         apart = float(section.pair_time or 0.0)
         self.time = np.stack([first, first + apart], axis=1).ravel()
         if not (np.diff(self.time) > 0.0).all():

@@ -42,6 +42,8 @@ from jumpvision.experiment.workflow.stage import StageWarning
 from jumpvision.films.frames.decoding import open_video
 from jumpvision.films.frames.opening import READERS
 
+from .crosschecks import cross_checks, motion_of
+from .fit import contact_of
 from .recordings import NOWHERE, bare_view, in_pixels, open_film, open_pictures
 from .rod import from_table, other_spring, read_motor, total_mass
 from .spring import read_spring
@@ -72,7 +74,8 @@ class Found:
     warnings: list[str]
     films: dict[str, Picture]
     motor: tuple[Array, Array] | None = None  # time [s], position [m]
-    track: tuple[Array, Array] | None = None
+    track: tuple[Array, ...] | None = None  # time [s], height, sigma [m]
+    contact: tuple[Array, Array] | None = None  # time [s], 0 or 1
 
     def ask(self, read: Callable[[], Any]) -> Any:
         """What `read` gives; None where it finds a problem."""
@@ -96,7 +99,7 @@ def preflight(e: Experiment) -> tuple[list[str], list[str]]:
     _sections(e, found)
     _films(e, found)
     _logs(e, found)
-    said = [*_sizes(e, found), *_clocks(e, found), *_places(e, found), *_names(e)]
+    said = [*_sizes(e, found), *_clocks(e, found), *_places(e, found), *_names(e), *_doubts(e, found)]
     toml = e.path / "experiment.toml"
     problems = [p if str(e.path) in p else f"{toml}: {p}" for p in found.problems]
     return problems, [*dict.fromkeys([*found.warnings, *said])]
@@ -105,15 +108,15 @@ def preflight(e: Experiment) -> tuple[list[str], list[str]]:
 def _sections(e: Experiment, found: Found) -> None:
     """Keys that a stage needs."""
     calibration, law = e.section(Calibration), e.section(Actuation)
-    for kind in (RodVideo, CraterImage):
-        if (film := e.section(kind)) is None:
-            continue
-        if kind is RodVideo and in_pixels(film, calibration) and not OF_A_JUMP & e.sections.keys():
-            found.warnings.append(
-                "[rod_video] scale: missing: the track will be in px alone; give scale (metres per pixel) for heights"
-            )
-            continue
+    film, crater = e.section(RodVideo), e.section(CraterImage)
+    if film is not None and in_pixels(film, calibration) and not OF_A_JUMP & e.sections.keys():
+        found.warnings.append(
+            "[rod_video] scale: missing: the track will be in px alone; give scale (metres per pixel) for heights"
+        )
+    elif film is not None:
         found.ask(partial(bare_view, calibration, film, NOWHERE))
+    if crater is not None:
+        found.ask(partial(bare_view, calibration, crater, NOWHERE))
     if law is not None and law.moves and (e.section(ModelSpec) or e.section(MotorLog) or e.section(RodTrack)):
         found.ask(lambda: need(law, "frequency", "amplitude"))
     if e.section(ModelSpec) is not None and (robot := e.section(Robot)) is not None:
@@ -128,7 +131,7 @@ def _films(e: Experiment, found: Found) -> None:
     """Films and pictures, opened as a run opens them; of a long film in a container the head alone."""
     for kind, opened in OPENED.items():
         if (section := e.section(kind)) is not None:
-            seen = found.ask(partial(_head, section, opened))  # type: ignore[arg-type]
+            seen = found.ask(partial(_head, section, opened))
             if seen is not None:
                 found.films[section.name] = seen
 
@@ -151,13 +154,22 @@ def _logs(e: Experiment, found: Found) -> None:
         found.motor = found.ask(lambda: read_motor(log, law))
     if (table := e.section(RodTrack)) is not None:
         track = found.ask(lambda: from_table(table))
-        found.track = None if track is None else (track.time_s.to_numpy(), track.height_m.to_numpy())
-    if (contact := e.section(ContactLog)) is not None:
-        found.ask(lambda: read_log(contact, "time_s", "contact"))
+        found.track = None if track is None else tuple(track[c].to_numpy() for c in ("time_s", "height_m", "sigma_m"))
+    if (touched := e.section(ContactLog)) is not None:
+        found.contact = found.ask(lambda: contact_of(touched))
     if (pushed := e.section(IntrusionLog)) is not None:
         found.ask(lambda: read_log(pushed, "time_s", "depth_m", "force_N"))
     if (spring := e.section(SpringLog)) is not None:
         found.ask(lambda: read_spring(spring))
+
+
+def _doubts(e: Experiment, found: Found) -> Iterator[str]:
+    """Where recordings contradict each other, as a run says it; of a film to be tracked only the run can."""
+    robot, law, log = e.section(Robot), e.section(Actuation), e.section(MotorLog)
+    track, motion = found.track, None
+    if track is not None and (log is None or found.motor is not None):
+        motion = found.ask(lambda: motion_of(track[0], track[1], track[2], robot, law, log))
+    yield from map(str, cross_checks("rod_track", motion, found.contact, law, found.motor))
 
 
 def _prefix(ratio: float) -> bool:
@@ -181,12 +193,13 @@ def _sizes(e: Experiment, found: Found) -> Iterator[str]:
             )
     if found.motor is not None:
         stroke = float(np.ptp(found.motor[1]))
-        full = 2.0 * law.amplitude if law is not None and law.moves and law.amplitude else 0.0
+        amplitude = law.amplitude or 0.0 if law is not None and law.moves else 0.0
+        full = 2.0 * amplitude
         ratio = stroke / full if full else 0.0
         if full and stroke > 0.0 and not 1.0 / FAR < ratio < FAR:
             remedy = "position_m in mm, or the amplitude?" if _prefix(ratio) else "is it the log of this experiment?"
             yield (
-                f"[motor_log] position_m moves by {stroke:.3g} m, [actuation] amplitude = {law.amplitude:g} m by "
+                f"[motor_log] position_m moves by {stroke:.3g} m, [actuation] amplitude = {amplitude:g} m by "
                 f"{full:.3g} m ({ratio:.3g} times): {remedy}"
             )
         elif not full and stroke > LONGEST:
@@ -195,8 +208,8 @@ def _sizes(e: Experiment, found: Found) -> Iterator[str]:
         rise = float(np.ptp(found.track[1]))
         if rise > LONGEST:
             yield f"[rod_track] height_m moves by {rise:.3g} m: in mm? then divide by 1000"
-    film = found.films.get("rod_video")
-    if film is not None and (v := e.section(RodVideo)).scale and v.ball_diameter:
+    film, v = found.films.get("rod_video"), e.section(RodVideo)
+    if film is not None and v is not None and v.scale and v.ball_diameter:
         across = v.ball_diameter / v.scale
         if not 3.0 <= across <= min(film.shape):
             yield (
@@ -212,7 +225,7 @@ def _ringing(found: Found, robot: Robot | None, law: Actuation | None, mass: flo
         return
     if law.kind != "none" and not law.moves:
         return
-    t, h = found.track
+    t, h, _ = found.track
     tail = t >= max(t[0], t[-1] - 0.5 * (t[-1] - max(law.stop, t[0]))) if law.moves else np.ones(t.size, bool)
     if tail.sum() < FEWEST or law.stop > t[-1]:
         return
@@ -233,8 +246,9 @@ def _clocks(e: Experiment, found: Found) -> Iterator[str]:
     for name, log in (("motor_log", found.motor), ("rod_track", found.track)):
         if log is not None:
             spans[name] = float(log[0][0]), float(log[0][-1])
-    moves = law is not None and law.moves and law.frequency is not None
-    if moves:
+    if law is not None and not (law.moves and law.frequency is not None):
+        law = None
+    if law is not None:
         spans["actuation"] = law.start, law.stop
     watched = next((n for n in ("rod_video", "rod_track", "grain_video", "motor_log") if n in spans), None)
     for name, (begin, end) in spans.items():
@@ -246,7 +260,7 @@ def _clocks(e: Experiment, found: Found) -> Iterator[str]:
             yield f"{told}: they never meet; give start (s on the common clock), and times in seconds"
         elif name.endswith("_log") and last > first and _prefix((end - begin) / (last - first)):
             yield f"{told}: {(end - begin) / (last - first):.3g} times as long; are its times in ms?"
-    if moves and found.motor is not None:
+    if law is not None and found.motor is not None:
         yield from _onset(found.motor, law)
 
 
@@ -273,11 +287,12 @@ def _places(e: Experiment, found: Found) -> Iterator[str]:
     calibration = e.section(Calibration) or Calibration()
     for name, film in found.films.items():
         rows, columns = film.shape
-        section, said = e.sections[name], []
+        section = e.sections[name]
+        said: list[tuple[str, float, float]] = []
         for k, mark in enumerate(calibration.marks, 1):
             said.append((f"[calibration] marks: mark {k}", mark[0], mark[1]))
         if calibration.centre:
-            said.append(("[calibration] centre", *calibration.centre))
+            said.append(("[calibration] centre", calibration.centre[0], calibration.centre[1]))
         for key in ("foot_row", "floor_row"):
             if (row := getattr(section, key, None)) is not None:
                 said.append((f"[{name}] {key}", 0.0, row))

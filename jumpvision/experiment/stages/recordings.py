@@ -63,15 +63,40 @@ def open_film(section: RodVideo | GrainVideo, seen: Callable[[NDArray[np.generic
 
 
 def timed_as_declared(film: Film, section: RodVideo | GrainVideo) -> Film:
-    """The film with its time stamps stretched to `frame_rate`; gaps in them stay gaps."""
+    """The film with its time stamps stretched to `frame_rate`; gaps in them stay gaps.
+
+    Stamps may be rounded (Matroska: to 1 ms): frames whose stamps are those of an even rate are timed evenly, with the
+    slots of missing frames left free.
+    """
     (rate,) = need(section, "frame_rate")
     if film.time_source == "declared" or len(film) < 2:
         return film
     film.close()
     film = open_frames(section.path, start=section.start)  # without a rate to disagree with
-    step = float(np.median(np.diff(film.time)))
-    film.time = film.time[0] + (film.time - film.time[0]) / (rate * step)
+    film.time = film.time[0] + slots(film.time - film.time[0], rate) / rate
     return film
+
+
+def slots(time: NDArray[np.float64], rate: float) -> NDArray[np.float64]:
+    """Number of each frame among those of an even rate, the first 0, from times [s] (n >= 2,), rounded or not.
+
+    The rate is the declared one [Hz], or another at which the film was saved for playing; where no even rate explains
+    the times within a third of a step or ROUNDED, fractions of the median step.
+    """
+    number = np.rint(time * rate)
+    if np.median(np.diff(number)) == 1.0 and _explains(number, time, 1.0 / rate):
+        return number
+    step = float(np.median(np.diff(time)))
+    number = np.concatenate([[0.0], np.cumsum(np.rint(np.diff(time) / step))])
+    return number if _explains(number, time, step) else time / step
+
+
+ROUNDED = 1.01e-3  # s: Matroska keeps whole milliseconds
+
+
+def _explains(number: NDArray[np.float64], time: NDArray[np.float64], step: float) -> bool:
+    line = np.polynomial.Polynomial.fit(number, time, 1)
+    return bool((np.diff(number) >= 1).all() and np.abs(time - line(number)).max() < max(step / 3.0, ROUNDED))
 
 
 class StraightFilm(Film):

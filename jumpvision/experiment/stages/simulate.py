@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from jumpvision.base.parameters import of_keywords
 from jumpvision.base.schema import InputError
 from jumpvision.estimate.estimate import checked
 from jumpvision.experiment.inputs.experiment import Experiment, without_folder
 from jumpvision.experiment.inputs.model import ModelSpec
-from jumpvision.experiment.inputs.parameters import SimulateParams, of_keywords
+from jumpvision.experiment.inputs.parameters import SimulateParams
 from jumpvision.experiment.inputs.sections import Actuation, Bed, Motor, MotorLog, Robot, need
 from jumpvision.experiment.results.tables import RodMotion, Simulation
 from jumpvision.experiment.results.values import BedHeight
@@ -34,7 +35,7 @@ AROUND = np.linspace(-1.0, 10.0, 12)  # s, of a recording, where a clock's error
 AFTER = 1.0  # s, simulated beyond the motor's stop where no track says how long
 
 
-@stage(version=8, any_of=("log", "law"))
+@stage(version=9, any_of=("log", "law"))
 def simulate(
     experiment: Experiment,
     robot: Robot,
@@ -184,13 +185,14 @@ def of_arrays(tables: Any, time_s: Any = None, motor_m: Any = None) -> pd.DataFr
     InputError for tables, ValueError for arrays that are none.
     """
     e = without_folder(tables, "jv.simulate")
-    robot, spec, law, motor, bed = (e.section(kind) for kind in (Robot, ModelSpec, Actuation, Motor, Bed))
-    if lacking := [k.name for k, there in ((Robot, robot), (ModelSpec, spec)) if there is None]:
+    robot, spec = e.section(Robot), e.section(ModelSpec)
+    if robot is None or spec is None:
+        lacking = [k.name for k in (Robot, ModelSpec) if e.section(k) is None]
         raise InputError([f"jv.simulate: {', '.join(lacking)}: missing"])
     p = of_keywords(SimulateParams, e.params.get("simulate", {}))
-    model = build_model(e, robot, spec, bed, None)
+    model = build_model(e, robot, spec, e.section(Bed), None)
     if time_s is None:
-        return moved(model, *driver(None, law, motor, p), None, p).table
+        return moved(model, *driver(None, e.section(Actuation), e.section(Motor), p), None, p).table
     time, position = checked("simulate", time_s=time_s, motor_m=motor_m)
     usable = np.isfinite(time + position).all() and (np.diff(time) > 0.0).all()
     if time.size < FEWEST or not usable:

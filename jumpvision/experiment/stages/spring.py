@@ -38,7 +38,7 @@ def spring(log: SpringLog, robot: Robot | None) -> SpringTest:
             f"{log.path}: {load} does not grow with {length}: {k.value:.4g} ± {k.sigma:.2g} N/m; where the log counts "
             f'the force the other way give [spring_log] force = "{other}"'
         )
-    tell(found, robot)
+    warn_of(found, robot)
     return SpringTest(
         {
             "fits": {n: e.entry() for n, e in found.fits.items()},
@@ -54,7 +54,7 @@ def read_spring(log: SpringLog) -> pd.DataFrame:
     return read_log(log, length, load, at_least=5, ordered=False)
 
 
-def tell(found: Spring, robot: Robot | None) -> None:
+def warn_of(found: Spring, robot: Robot | None) -> None:
     """Warnings: a loop, a curve instead of a line, another stiffness than [robot] gives."""
     k, h, bend = (found.fits.get(n) for n in ("spring_stiffness", "spring_hysteresis_N", "spring_curvature"))
     assert k is not None and bend is not None

@@ -9,24 +9,13 @@ import numpy as np
 from jumpvision.estimate.estimate import finite
 from jumpvision.experiment.inputs.experiment import Experiment
 from jumpvision.experiment.inputs.sections import Actuation, Bed
+from jumpvision.experiment.results.summary import Summary, Uncertain
 from jumpvision.experiment.results.tables import Simulation
-from jumpvision.experiment.results.values import BedHeight, Fits, Summary
+from jumpvision.experiment.results.values import BedHeight, Fits
 from jumpvision.experiment.stages.bed.height import contradicted, packing, packing_common
 from jumpvision.experiment.workflow.stage import StageWarning, stage
 
 FAR = 5.0  # factor between measured and simulated height that no model's error makes
-FROM_FITS = {  # key of summary.json: name in fits.json
-    "flight_height_m": "flight_height_m",
-    "flight_time_s": "flight_time_s",
-    "lift_off_s": "lift_off_s",
-    "mu": "mu",
-    "beta_deg": "beta_deg",
-    "added_mass_kg": "added_mass_kg",
-    "frequency_hz": "frequency_hz",
-    "zeta": "zeta",
-    "motor_rise_m": "motor_rise_m",
-    "spring_stiffness_N_m": "spring_stiffness",
-}
 
 
 @stage(version=4, any_of=("fits", "bed"))
@@ -47,27 +36,30 @@ def summary(
     if said := contradicted(section, bed):
         warnings.warn(said, StageWarning, stacklevel=1)
 
-    def parts(name: str) -> tuple[float | None, float | None, float | None]:
-        """value, sigma, sigma_common of a fit."""
+    def fitted(name: str) -> Uncertain:
         e = fits.get(name) if fits else None
-        return (finite(e.value), finite(e.sigma), finite(e.sigma_common)) if e else (None, None, None)
+        return Uncertain(finite(e.value), finite(e.sigma), finite(e.sigma_common)) if e else Uncertain()
 
-    height, height_sigma, height_common = parts("jump_height_m")
-    n_jumps = parts("n_jumps")[0]
-    out = {
-        "experiment": experiment.name,
-        "kind": law.kind if law else None,
-        "jump_height_m": height,
-        "sigma_m": height_sigma,
-        "sigma_common_m": height_common,
-        "n_jumps": None if n_jumps is None else int(n_jumps),
-        "volume_fraction": phi,
-        "sigma_volume_fraction": phi_sigma,
-        "sigma_common_volume_fraction": None if phi is None else phi * packing_common(section, bed),
-    }
-    for key, name in FROM_FITS.items():
-        out |= zip((key, f"{key}_sigma", f"{key}_sigma_common"), parts(name))
-    out["simulated_height_m"] = modelled = simulated_height(simulation, law) if simulation else None
+    measured, n_jumps = fitted("jump_height_m"), fitted("n_jumps").value
+    found = Summary(
+        experiment=experiment.name,
+        kind=law.kind if law else None,
+        jump_height=measured,
+        n_jumps=None if n_jumps is None else int(n_jumps),
+        volume_fraction=Uncertain(phi, phi_sigma, None if phi is None else phi * packing_common(section, bed)),
+        flight_height=fitted("flight_height_m"),
+        flight_time=fitted("flight_time_s"),
+        lift_off=fitted("lift_off_s"),
+        mu=fitted("mu"),
+        beta=fitted("beta_deg"),
+        added_mass=fitted("added_mass_kg"),
+        frequency=fitted("frequency_hz"),
+        zeta=fitted("zeta"),
+        motor_rise=fitted("motor_rise_m"),
+        spring_stiffness=fitted("spring_stiffness"),
+        simulated_height=simulated_height(simulation, law) if simulation else None,
+    )
+    height, modelled = measured.value, found.simulated_height
     if height and modelled and not 1.0 / FAR < height / modelled < FAR:
         warnings.warn(
             f"measured height {height:.3g} m, simulated {modelled:.3g} m ({height / modelled:.3g} times): check units, "
@@ -75,7 +67,7 @@ def summary(
             StageWarning,
             stacklevel=2,
         )
-    return Summary(out)
+    return found
 
 
 def simulated_height(simulation: Simulation, law: Actuation | None) -> float | None:

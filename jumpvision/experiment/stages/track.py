@@ -15,18 +15,17 @@ from jumpvision.base.schema import InputError
 from jumpvision.estimate.height import at_rest, exposure_shift, shift_noise, shift_sigma
 from jumpvision.estimate.mean import weighted_mean
 from jumpvision.experiment.inputs.logs import read_log
-from jumpvision.experiment.inputs.parameters import TrackParams
 from jumpvision.experiment.inputs.sections import Actuation, Calibration, RodCorrections, RodVideo
 from jumpvision.experiment.results.tables import Track
 from jumpvision.experiment.workflow.stage import StageWarning, stage
+from jumpvision.films.calibration import FIELD_OF_FRAME
 from jumpvision.films.frames import Film
+from jumpvision.films.parameters import TrackParams
 from jumpvision.films.vision.ball.film import FilmTracker, track_film
 from jumpvision.films.vision.ball.track import BallSettings, BallTrack
 from jumpvision.films.vision.camera import Camera
-from jumpvision.films.vision.fields import SIGMA, order_of
+from jumpvision.films.vision.fields import INTERLACED, order_of
 
-from .bodies import INTERLACED
-from .bodies import of_arrays as of_arrays  # jv.track of frames
 from .recordings import SCALE_OF_PIXELS, height_share, in_pixels, open_film, other_lens, view_of, with_common
 
 LOST = 0.1  # share of frames, from which the film is asked whether it is interlaced
@@ -68,7 +67,7 @@ def from_film(
     with open_film(film, balls.see if balls.ready else None) as frames:
         tracks, view = balls.tracks(frames), view_of(calibration, film, frames.shape)
         if film.fields != "together":
-            tracks = [replace(ball, sigma=ball.sigma * SIGMA) for ball in tracks]
+            tracks = [replace(ball, sigma=ball.sigma * FIELD_OF_FRAME.value) for ball in tracks]
         elif np.mean(tracks[0].flag != "") > LOST and (order := order_of(frames)):
             warnings.warn(INTERLACED.format("[rod_video] fields", order), StageWarning, stacklevel=2)
         other, exposure = other_lens(calibration, film, frames.shape), balls.exposure(frames)

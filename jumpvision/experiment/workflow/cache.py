@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from jumpvision.base.schema import InputError
-from jumpvision.base.storage import HASHES, remove_aside, sweep_leftovers, unsealed
+from jumpvision.base.storage import HASHES, NOTES, memories, remove_aside, sweep_leftovers
 
 from .entries import RECEIPT, CorruptEntry, marked, receipt_of
-from .unchanged import last_used, notes
+from .unchanged import last_used
 
 SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0, "w": 7 * 86400.0}
 BYTES = {"": 1, "B": 1, "kB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
@@ -101,15 +101,11 @@ def prune(entries: Iterable[Entry]) -> int:
 def tidy(cache: Path) -> None:
     """Remove what killed runs left, and what was remembered of files that are gone or changed since."""
     sweep_leftovers(cache.parent, cache)
-    for place, noted in notes(cache):
-        if not Path(noted["results"]).is_dir():
-            place.unlink(missing_ok=True)
-    for memo in (cache / HASHES).glob("*.json"):
-        try:
-            unsealed(memo.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            continue
-        memo.unlink(missing_ok=True)  # made again at the next run, at the cost of hashing
+    for file, noted in memories(cache, NOTES):
+        if not Path(noted["about"]).is_dir():
+            file.unlink(missing_ok=True)
+    for file, _ in memories(cache, HASHES):
+        file.unlink(missing_ok=True)  # made again at the next run, at the cost of hashing
 
 
 def table(entries: Iterable[Entry], removed: Iterable[Entry]) -> list[dict[str, object]]:

@@ -13,6 +13,7 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
+import jumpvision
 from jumpvision.base.schema import InputError
 from jumpvision.base.storage import write_aside
 from jumpvision.experiment.inputs.experiment import Campaign
@@ -24,13 +25,7 @@ RULES = ["--rerun-incomplete", "--keep-going", "--scheduler", "greedy", "--noloc
 
 
 def hand_over(
-    campaign: Campaign,
-    plan: Plan,
-    profile: str,
-    *,
-    options: list[str],
-    jobs: int | None,
-    frames: Mapping[str, int],
+    campaign: Campaign, plan: Plan, profile: str, *, options: list[str], jobs: int | None, frames: Mapping[str, int]
 ) -> dict[str, list[str]]:
     """Run every experiment under Snakemake; the reasons, by name, of those that failed.
 
@@ -73,7 +68,7 @@ def _snakemake() -> str:
 
 def _pipelines() -> Path:
     """The folder of the Snakefile: in the installed package, or beside it in a checkout."""
-    here = Path(__file__).parents[1]
+    here = Path(jumpvision.__file__).parent
     return next(p for p in (here / "pipelines", here.parent / "pipelines") if p.is_dir())
 
 

@@ -17,16 +17,7 @@ from pathlib import Path
 from typing import TypedDict
 
 from jumpvision import __version__
-from jumpvision.base.storage import (
-    aside_folder,
-    remove_aside,
-    sealed,
-    sha256,
-    stamp,
-    sync,
-    unsealed,
-    write_aside,
-)
+from jumpvision.base.storage import aside_folder, remove_aside, sealed, sha256, stamp, sync, unsealed, write_aside
 
 RECEIPT = "receipt.json"
 TAG = "CACHEDIR.TAG"  # https://bford.info/cachedir: programs for backups leave such a folder out

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from jumpvision.base.progress import making_way, one_thread, processes, ready
+from jumpvision.base.progress import ready, worker_pool
 from jumpvision.experiment.inputs.experiment import Campaign, Experiment
 from jumpvision.experiment.inputs.sections import GrainVideo
 
@@ -102,7 +102,7 @@ def draw(campaign: Campaign, plan: Plan, outcomes: list[Outcome], *, workers: in
 
 
 @contextlib.contextmanager
-def drawn_beside(plan: Plan, campaign: Campaign, outcomes: list[Outcome], *, workers: int) -> Iterator[None]:
+def drawing_beside(plan: Plan, campaign: Campaign, outcomes: list[Outcome], *, workers: int) -> Iterator[None]:
     """Beside the work within, pictures are drawn in processes that make way for it, and put into `outcomes`; with its
     end no further ones are begun."""
     at = {o.name: i for i, o in enumerate(outcomes) if o.undrawn}
@@ -119,10 +119,7 @@ def drawn_beside(plan: Plan, campaign: Campaign, outcomes: list[Outcome], *, wor
     if workers <= 1 or not jobs:
         yield
         return
-    with (
-        ProcessPoolExecutor(workers, mp_context=processes(), initializer=making_way) as pool,
-        ThreadPoolExecutor(workers) as threads,
-    ):
+    with worker_pool(workers, aside=True) as pool, ThreadPoolExecutor(workers) as threads:
         for _ in range(workers):
             threads.submit(work, pool)
         try:
@@ -178,7 +175,7 @@ def _in_processes(
     prepare(next(iter(jobs.values()))[1])
     queue = list(jobs.items())[::-1]
     under_way: dict[Future[Outcome], tuple[str, Job]] = {}
-    with ProcessPoolExecutor(workers, mp_context=processes(), initializer=one_thread) as pool:
+    with worker_pool(workers) as pool:
         try:
             while queue or under_way:
                 # one more than there are workers, so that none waits, except where a film is to come next

@@ -13,11 +13,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypedDict
 
+from jumpvision.base.record import plain
 from jumpvision.base.schema import InputError
 from jumpvision.base.storage import sha256, write_aside
 from jumpvision.experiment import files
 from jumpvision.experiment.inputs.sections import Header
-from jumpvision.experiment.results import plain
 
 from .entries import CorruptEntry, receipt_of, versions
 from .stage import STAGES
@@ -54,7 +54,7 @@ def settle(workspace: Workspace, command: str) -> list[str]:
     still = dict(_still_valid(workspace, before))
     notes = _withdraw(workspace, before, {f for made in still.values() for f in made["files"]})
     if workspace.steps or still:
-        told = plain(_told(workspace, before, still, command))
+        told = plain(_content(workspace, before, still, command))
         if told != {**before, "command": command}:  # of a run that changed nothing: it stays that of who made them
             write_aside(workspace.results / files.PROVENANCE, json.dumps(told, indent=1) + "\n")
     elif before:
@@ -131,7 +131,7 @@ def _in_cache(stage: Path, name: str, file: Path) -> bool:
     return bool(known) and sha256(file) in known
 
 
-def _told(
+def _content(
     workspace: Workspace, before: Mapping[str, Any], still: Mapping[str, Made], command: str
 ) -> Mapping[str, object]:
     """The content of provenance.json."""

@@ -8,24 +8,23 @@ from __future__ import annotations
 import contextlib
 import importlib
 import time
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from jumpvision.base.progress import HOOK, SHARE, WORKERS, Hook, Shared
-from jumpvision.base.schema import InputError, closest
+from jumpvision.base.record import Record, plain
+from jumpvision.base.schema import InputError, Toml, closest
 from jumpvision.base.storage import sweep_leftovers
 from jumpvision.experiment.inputs.experiment import Experiment
+from jumpvision.experiment.inputs.model import tables_of
 from jumpvision.experiment.inputs.sections import NotApplicable
-from jumpvision.experiment.results import Record, plain
-from jumpvision.experiment.results.values import Summary
+from jumpvision.experiment.results.summary import UNKNOWN, Summary
 
 from . import unchanged
 from .entries import versions
 from .provenance import settle
-from .stage import STAGES, declared, results_stages, stage_named
+from .stage import STAGES, Stage, declared, results_stages, stage_named
 from .workspace import NotCached, Step, Workspace
 
 
@@ -49,17 +48,12 @@ class Pipeline:
     """Stages by name (None: all that have inputs) and parameters by stage."""
 
     stages: tuple[str, ...] | None = None
-    params: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    params: Mapping[str, Toml] = field(default_factory=dict)
 
 
 def read_pipeline(file: Path) -> Pipeline:
     """The definition in a TOML file. Raises InputError with every problem."""
-    try:
-        table = tomllib.loads(file.read_text(encoding="utf-8"))
-    except OSError as e:
-        raise InputError([f"{file}: cannot be read: {e.strerror}"]) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as e:
-        raise InputError([f"{file}: not valid TOML: {e}"]) from None
+    table = tables_of(file)
     keys = {"description", "stages", "params"}
     problems = [f"{file}: {key}: unknown key{closest(key, keys)}" for key in table if key not in keys]
     stages, known = table.get("stages"), declared()
@@ -80,7 +74,7 @@ class Outcome:
     errors: list[str] = field(default_factory=list)
     not_run: list[str] = field(default_factory=list)  # stages without inputs, and why
     seconds: float = 0.0
-    summary: dict[str, Any] = field(default_factory=dict)
+    summary: Summary = UNKNOWN
     notes: list[str] = field(default_factory=list)  # on files of earlier runs that had to stay
     undrawn: bool = False  # its pictures are left for later
 
@@ -145,8 +139,8 @@ def run_experiment(
                 outcome.errors += [text for text in said if text not in outcome.errors]
     already = {s.stage: s for s in before.steps} if before else {}
     outcome.steps = [already.get(s.stage, s) for s in workspace.steps]
-    if Summary in workspace.made:
-        outcome.summary = workspace.made[Summary].values
+    if isinstance(found := workspace.records.get(Summary), Summary):
+        outcome.summary = found
     try:
         outcome.notes = settle(workspace, plan.command)
     except (OSError, InputError) as e:
@@ -160,12 +154,13 @@ def run_experiment(
 
 def _as_noted(experiment: Experiment, plan: Plan, results: Path, key: str) -> Outcome | None:
     """What became of an experiment, where all is as an earlier run noted it."""
-    told = unchanged.told(plan.cache, results, key)
+    told = unchanged.noted(plan.cache, results, key)
     if told is None:
         return None
     as_now = {"state": "cached", "seconds": 0.0}
     steps = [Step(**{**s, **as_now, "versions": _shared(s["versions"])}) for s in told["steps"]]
-    known = Outcome(experiment.name, results, steps, not_run=told["not_run"], summary=told["summary"])
+    summary = Summary.of(told["summary"]) if told["summary"] else UNKNOWN
+    known = Outcome(experiment.name, results, steps, not_run=told["not_run"], summary=summary)
     return None if plan.fresh and known.older else known
 
 
@@ -179,12 +174,13 @@ VERSIONS: dict[tuple[tuple[str, str], ...], Mapping[str, str]] = {}
 
 def _note(workspace: Workspace, outcome: Outcome, key: str) -> None:
     """For `_as_noted`. A note that cannot be written is none: the run has done its work."""
-    told = plain({"steps": [asdict(s) for s in outcome.steps], "not_run": outcome.not_run, "summary": outcome.summary})
+    summary = outcome.summary.values if outcome.summary else {}
+    told = plain({"steps": [asdict(s) for s in outcome.steps], "not_run": outcome.not_run, "summary": summary})
     with contextlib.suppress(OSError, InputError):
         unchanged.note(workspace, key, told)
 
 
-def wanted(plan: Plan) -> Iterator[tuple[type, Any]]:
+def wanted(plan: Plan) -> Iterator[tuple[type, Stage]]:
     """The stages of a plan, then the registered pictures of what those stages make."""
     chosen = {s.output: s for s in results_stages() if plan.stages is None or s.name in plan.stages}
     yield from chosen.items()

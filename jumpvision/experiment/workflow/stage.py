@@ -10,21 +10,20 @@ import ast
 import functools
 import importlib
 import inspect
-import itertools
 import pkgutil
-import re
 import types
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, NamedTuple, Union, get_args, get_origin, get_type_hints
+
+if TYPE_CHECKING:
+    from jumpvision.base.record import Record
+
+from jumpvision.base.schema import StageWarning as StageWarning
 
 FOLDER = Path(__file__).parents[1] / "stages"  # every module below it may hold stages
 PACKAGE = "jumpvision.experiment.stages"
-
-
-class StageWarning(UserWarning):
-    """Something a user should know about a result that stands all the same; kept with the result."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,7 @@ class Stage:
     function: Callable[..., Any]
     version: int
     inputs: tuple[Input, ...]
-    output: type
+    output: type[Record]
     params: type | None
     any_of: tuple[str, ...]
     picture: bool = False  # a figure drawn from records, not a result that others need
@@ -57,7 +56,7 @@ class Stage:
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         return self.function(*args, **kwargs)
 
-    def made_of(self, values: Mapping[str, Any]) -> Any:
+    def called_with(self, values: Mapping[str, object]) -> Record | None:
         """What the function makes of its inputs and `p`, given one by one by their names."""
         left = dict(values)
         together = {
@@ -68,7 +67,7 @@ class Stage:
     @property
     def help(self) -> str:
         """What it makes, in a line, with the file."""
-        return f"{first_paragraph(self.function.__doc__).removesuffix('.')} ({self.output.file})."  # type: ignore[attr-defined]
+        return f"{first_paragraph(self.function.__doc__).removesuffix('.')} ({self.output.file})."
 
 
 STAGES: dict[type, Stage] = {}  # by output type
@@ -155,30 +154,28 @@ def stage_named(name: str) -> Stage:
 
 
 class Declared(NamedTuple):
-    """A stage, or a command, as its source declares it. called: the name that the decorator gives, else ""."""
+    """A stage as its source declares it."""
 
     name: str
     help: str
-    called: str = ""
 
 
 @functools.cache
 def declared() -> dict[str, Declared]:
     """The stages by name, read from their source: importing them takes seconds, `jumpvision --help` must not."""
     texts = (file.read_text(encoding="utf-8") for file in sorted(FOLDER.rglob("*.py")))
-    return {f.name: f for text in texts for f in functions_under(text, "@stage")}
+    return {d.name: d for text in texts if "@stage" in text for d in _stages_in(text)}
 
 
-def functions_under(text: str, decorator: str) -> list[Declared]:
-    """The functions of a source that have this decorator. No more of it is parsed: that would take long."""
-    found = []
-    for at in re.finditer(rf"^{re.escape(decorator)}\b.*\n", text, flags=re.M):
-        quotes = list(itertools.islice(re.finditer('"""', text[at.end() :]), 2))
-        called = re.search(r'\bname="(\w+)"', at[0])
-        head = ast.parse(text[at.end() : at.end() + quotes[1].end()] if len(quotes) == 2 else text[at.end() :]).body[0]
-        assert isinstance(head, ast.FunctionDef)
-        found.append(Declared(head.name, first_paragraph(ast.get_docstring(head)), called[1] if called else ""))
-    return found
+def _stages_in(text: str) -> Iterator[Declared]:
+    for node in ast.parse(text).body:
+        if isinstance(node, ast.FunctionDef) and any(_is_stage(d) for d in node.decorator_list):
+            yield Declared(node.name, first_paragraph(ast.get_docstring(node)))
+
+
+def _is_stage(decorator: ast.expr) -> bool:
+    called = decorator.func if isinstance(decorator, ast.Call) else decorator
+    return isinstance(called, ast.Name) and called.id == stage.__name__
 
 
 def first_paragraph(text: str | None) -> str:

@@ -6,18 +6,16 @@ counts: recordings, results, the entries of the cache. Whatever differs is left 
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import hashlib
-import json
 import os
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import jumpvision
-from jumpvision.base.storage import FRESH, NOTES, recording_files, sha256, stamp, write_aside
+from jumpvision.base.storage import NOTES, memories, memory, recall, recording_files, remember, settled, sha256, stamp
 from jumpvision.experiment.files import PROVENANCE
 
 from .entries import RECEIPT
@@ -42,52 +40,29 @@ def key_of(*asked: object) -> str:
     return hashlib.sha256(repr((_code(), *asked)).encode()).hexdigest()
 
 
-def _place(cache: Path, results: Path) -> Path:
-    return cache / NOTES / (hashlib.sha256(str(results.absolute()).encode()).hexdigest()[:24] + ".json")
-
-
-def _write(place: Path, content: Mapping[str, Any]) -> None:
-    """As JSON, its checksum before it: `sealed` takes five times as long."""
-    text = json.dumps(content)
-    write_aside(place, f'["{_seal(text)}",\n{text}]')
-
-
-def _read(place: Path) -> Mapping[str, Any]:
-    """ValueError for one that is damaged."""
-    head, _, text = place.read_text(encoding="utf-8").partition("\n")
-    if head != f'["{_seal(text[:-1])}",':
-        raise ValueError("its checksum is wrong")
-    return dict(json.loads(text[:-1]))
-
-
-def _seal(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
 def note(workspace: Workspace, key: str, told: Mapping[str, Any]) -> None:
     """Note what became of an experiment whose results lie there whole."""
     results, at = workspace.results, time.time()  # before the first look at a file
     receipt = results / PROVENANCE
     files = {**workspace.counted(), receipt: (stamp(receipt), sha256(receipt))}
-    foreign = {s.output.file for s in STAGES.values()} - workspace.outputs.keys()  # type: ignore[attr-defined]
+    foreign = {s.output.file for s in STAGES.values()} - workspace.outputs.keys()
     content = {
         "key": key,
-        "results": str(results.absolute()),
         "recordings": {str(path): [str(f) for f in files] for path, files in workspace.recordings.items()},
         "files": {str(f.absolute()): [*seen, digest] for f, (seen, digest) in files.items()},
         "foreign": sorted(foreign.difference(os.listdir(results))),
         "told": told,
     }
-    _write(place := _place(workspace.cache, results), content)
-    os.utime(place, (at, at))
+    remember(workspace.cache, NOTES, results, content)
+    os.utime(memory(workspace.cache, NOTES, results), (at, at))
 
 
-def told(cache: Path, results: Path, key: str) -> Mapping[str, Any] | None:
+def noted(cache: Path, results: Path, key: str) -> Mapping[str, Any] | None:
     """What became of an experiment, if all is as it was noted; else None."""
-    place, now = _place(cache, results), time.time()
+    place, now = memory(cache, NOTES, results), time.time()
     try:
-        found, at = _read(place), place.stat().st_mtime
-        if found["key"] != key or found["results"] != str(results.absolute()) or not _same(found, results, at):
+        found, at = recall(cache, NOTES, results), place.stat().st_mtime
+        if found["key"] != key or not _same(found, results, at):
             return None
         os.utime(place, (now, now))  # when all was last looked at, and used
         return dict(found["told"])
@@ -104,28 +79,15 @@ def _same(found: Mapping[str, Any], results: Path, at: float) -> bool:
         if [str(f) for f in recording_files(Path(path))] != files:
             return False
     for name, (*noted, digest) in found["files"].items():
-        if list(stamp(name)) != noted or (digest and _fresh(noted, at) and sha256(Path(name)) != digest):
+        if list(stamp(name)) != noted or (digest and not settled(noted, at) and sha256(Path(name)) != digest):
             return False
     return True
-
-
-def _fresh(file: Iterable[Any], at: float) -> bool:
-    """Whether a file was changed so shortly before that it could be changed again without another stamp."""
-    _, modified, changed, *_ = file
-    return bool(at - (modified if os.name == "nt" else changed) / 1e9 <= FRESH)
-
-
-def notes(cache: Path) -> Iterator[tuple[Path, Mapping[str, Any]]]:
-    """The notes of a cache, those that can be read, with their files."""
-    for place in (cache / NOTES).glob("*.json"):
-        with contextlib.suppress(OSError, ValueError):
-            yield place, _read(place)
 
 
 def last_used(cache: Path) -> dict[Path, float]:
     """When entries of a cache were last told to be as they were [s since 1970], by their folders."""
     out: dict[Path, float] = {}
-    for place, noted in notes(cache):
+    for place, noted in memories(cache, NOTES):
         used = place.stat().st_mtime
         for file in map(Path, noted["files"]):
             if file.name == RECEIPT:

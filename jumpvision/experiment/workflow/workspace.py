@@ -17,22 +17,22 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 from jumpvision.base.progress import KEEPER, Shared
+from jumpvision.base.record import Record
 from jumpvision.base.schema import InputError, read
 from jumpvision.base.storage import (
     HASHES,
     ChangedFile,
     Stamp,
     copy_aside,
+    recall,
     recording_files,
-    sealed,
+    remember,
     settled,
     sha256,
     stamp,
-    unsealed,
-    write_aside,
 )
 from jumpvision.experiment.inputs.experiment import Experiment
 from jumpvision.experiment.inputs.sections import MissingKey, NotApplicable, Section
@@ -41,6 +41,7 @@ from . import entries
 from .entries import ATTEMPTS, CorruptEntry, Receipt
 from .stage import STAGES, Input, Stage, StageWarning
 
+R = TypeVar("R", bound=Record)
 FEW = 16  # files of a film: of one of more it would take long to look at all before each part is kept
 
 
@@ -84,7 +85,7 @@ class Workspace:
         self.computes, self.fresh = computes, fresh
         self.steps: list[Step] = []
         self.inputs: dict[str, str] = {}  # relative path -> SHA-256
-        self._made: dict[type, tuple[str, Any]] = {}
+        self._made: dict[type, tuple[str, Record]] = {}
         self._failed: dict[type, Exception] = {}
         self._read: dict[Path, dict[Path, Stamp]] = {}  # recording -> its files as they were hashed
         self._published: dict[Path, Stamp] = {}
@@ -114,12 +115,12 @@ class Workspace:
 
     # -- making ----------------------------------------------------------------------------------------------
 
-    def make(self, output: type) -> Any:
+    def make(self, output: type[R]) -> R:
         """The record, from the cache or computed, and its file in the results folder."""
-        return self._make(output)[1]
+        return cast(R, self._make(output)[1])
 
     @property
-    def made(self) -> dict[type, Any]:
+    def records(self) -> dict[type, Record]:
         """The records made so far, by type."""
         return {output: record for output, (_, record) in self._made.items()}
 
@@ -140,7 +141,7 @@ class Workspace:
             raise MissingKey([why])
         return self._hashed(made, {i.name: self._identity(i) for i in made.inputs})
 
-    def _identity(self, i: Input) -> Any:
+    def _identity(self, i: Input) -> object:
         if i.type not in STAGES:
             return self._input(i)[0]
         if self._lack(i.type) or (i.optional and self._nothing_to_do(i.type)):
@@ -180,7 +181,7 @@ class Workspace:
         except OSError:
             return False
 
-    def _make(self, output: type) -> tuple[str, Any]:
+    def _make(self, output: type) -> tuple[str, Record]:
         if output in self._made:
             return self._made[output]
         if output in self._failed:
@@ -192,13 +193,13 @@ class Workspace:
             raise
         return self._made[output]
 
-    def _resolve(self, output: type) -> tuple[str, Any]:
+    def _resolve(self, output: type) -> tuple[str, Record]:
         made = STAGES[output]
         why = self.missing(output)
         if why:
             raise MissingKey([f"{self.experiment.path / 'experiment.toml'}: {why}"])
-        keys: dict[str, Any] = {}
-        arguments: dict[str, Any] = {}
+        keys: dict[str, object] = {}
+        arguments: dict[str, object] = {}
         for i in made.inputs:
             keys[i.name], arguments[i.name] = self._input(i)
         if made.params:
@@ -227,7 +228,7 @@ class Workspace:
         self.steps.append(Step(made.name, state, seconds, notes, key, receipt["versions"], receipt["outputs"]))
         return key, record
 
-    def _hashed(self, made: Stage, keys: Mapping[str, Any]) -> str:
+    def _hashed(self, made: Stage, keys: Mapping[str, object]) -> str:
         """The key of a stage whose inputs have these."""
         if made.params:
             keys = {**keys, "p": dataclasses.asdict(self.parameters(made))}
@@ -241,7 +242,7 @@ class Workspace:
             raise MissingKey(problems)
         return obj
 
-    def _input(self, i: Input) -> tuple[Any, Any]:
+    def _input(self, i: Input) -> tuple[object, object]:
         """(what identifies it, the argument)."""
         if i.type is Experiment:
             e = self.experiment
@@ -262,7 +263,7 @@ class Workspace:
                 return None, None
             raise
 
-    def _compute(self, made: Stage, arguments: Mapping[str, Any], key: str) -> tuple[Any, Receipt]:
+    def _compute(self, made: Stage, arguments: Mapping[str, object], key: str) -> tuple[Record, Receipt]:
         record, nothing_to_do = None, []  # a stage that finds nothing to do is remembered like a result
         check = functools.partial(self._read_what_was_hashed, made, FEW)
         parts = entries.Parts(self.cache, made.name, key, made.version, check=check, fresh=self.fresh)
@@ -270,7 +271,7 @@ class Workspace:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", StageWarning)
             try:
-                record = made.made_of(arguments)
+                record = made.called_with(arguments)
             except NotApplicable as e:
                 nothing_to_do = e.problems
             except MissingKey as e:
@@ -300,22 +301,22 @@ class Workspace:
             good=lambda: self._good(key, made.output),
         )
         parts.drop()
-        if nothing_to_do:
+        if record is None:
             raise NotApplicable(nothing_to_do)
         return record, receipt
 
-    def _load(self, key: str, output: type) -> tuple[Any, Receipt]:
+    def _load(self, key: str, output: type[Record]) -> tuple[Record, Receipt]:
         """The record and receipt of a whole, undamaged entry; NotApplicable where it says that there is none."""
         with entries.opened(self.cache, STAGES[output].name, key) as receipt:
             if self.fresh and receipt["versions"] != entries.versions():
                 raise FileNotFoundError
             folder = entries.place(self.cache, receipt["stage"], key)
-            record = None if receipt["not_applicable"] else output.load(folder)  # type: ignore[attr-defined]
-        if receipt["not_applicable"]:
+            record = None if receipt["not_applicable"] else output.load(folder)
+        if record is None:
             raise NotApplicable(receipt["not_applicable"])
         return record, receipt
 
-    def _good(self, key: str, output: type) -> bool:
+    def _good(self, key: str, output: type[Record]) -> bool:
         try:
             self._load(key, output)
         except NotApplicable:
@@ -389,16 +390,15 @@ class Workspace:
 
     def _hash_file(self, path: Path) -> tuple[str, Stamp]:
         """SHA-256 of a file, remembered while its stamp stays, and the stamp."""
-        memo = self.cache / HASHES / (hashlib.sha256(str(path.absolute()).encode()).hexdigest()[:24] + ".json")
         at = stamp(path)
         if path in self._hashes and self._hashes[path][1] == at:
             return self._hashes[path]
         if not self.verify:
             try:
-                known = unsealed(memo.read_text(encoding="utf-8"))
-                if known["file"] == str(path.absolute()) and tuple(known["stamp"]) == at:
+                known = recall(self.cache, HASHES, path)
+                if tuple(known["stamp"]) == at:
                     return str(known["sha256"]), at
-            except (OSError, ValueError, KeyError, TypeError):
+            except (OSError, ValueError):
                 pass
         for _ in range(ATTEMPTS):
             digest, before = sha256(path), at
@@ -407,8 +407,8 @@ class Workspace:
                 break
         else:
             raise InputError([f"{path}: changes while it is read; run again when it is whole"])
-        if settled(at):
+        if settled(at, time.time()):
             entries.mark(self.cache)
-            write_aside(memo, sealed({"file": str(path.absolute()), "stamp": at, "sha256": digest}))
+            remember(self.cache, HASHES, path, {"stamp": at, "sha256": digest})
         self._hashes[path] = digest, at
         return digest, at

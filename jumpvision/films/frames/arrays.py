@@ -76,7 +76,10 @@ def npy_header(path: Path, file: BinaryIO) -> tuple[tuple[int, ...], bool, np.dt
 
 
 class Hdf5Film(Film):
-    """A film in an HDF5 file: its only data set of (frame, y, x[, channel]), or its only (y, x) image."""
+    """A film in an HDF5 file: its only data set of (frame, y, x[, channel]), or its only (y, x) image.
+
+    Of a MATLAB file (saved with -v7.3) the array of (y, x, frame) is read as such.
+    """
 
     def __init__(self, path: Path, *, frame_rate: float | None, start: float) -> None:
         try:
@@ -113,7 +116,11 @@ class Hdf5Film(Film):
                 f"{path}: {self._data.name} lies in another file ({outside}), of which no change would be noticed; "
                 "save it in one file (h5repack, or np.asarray and create_dataset)"
             )
+        # MATLAB counts axes from the fastest: its (y, x, frame) stands as (frame, x, y) in the file
+        self._matlab = "MATLAB_class" in self._data.attrs
         n, frame = stack_shape(path, self._data.shape, self._data.name)
+        if self._matlab:
+            frame = (frame[1], frame[0], *frame[2:])
         kind = native_type(self._data.dtype, path)
         if self._data.nbytes > MAX_COMPRESSION * self._data.id.get_storage_size():
             raise FrameError(f"{path}: {self._data.name} claims {self._data.nbytes} bytes that the file does not hold")
@@ -129,6 +136,7 @@ class Hdf5Film(Film):
     def _read(self, i: int) -> Image:
         try:
             image = self._data[()] if self._data.ndim == 2 else self._data[i]
+            image = np.swapaxes(image, 0, 1) if self._matlab else image
         except (OSError, RuntimeError, ValueError) as error:
             raise FrameError(f"{self.path}: frame {i} cannot be read: {error}; copy the file again") from error
         return single_channel(image, self.path)

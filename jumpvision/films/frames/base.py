@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +15,11 @@ from numpy.typing import NDArray
 
 Image = NDArray[Any]
 
+MEGAPIXELS = 200.0  # a picture of the largest sensors has 150; it takes 8 times as many bytes as floats
+LARGEST = "JUMPVISION_MEGAPIXELS"  # environment variable over it
+UNEVEN = 0.3  # relative change of the time between frames that is told: cameras jitter by less
+LEAP = 1e4  # times the usual step: no pause of a recording, in which the rest of the film would be lost
+FEW = 0.5  # share of the steps: where more are odd, the rate varies
 RATE_MISMATCH = 1e-3  # relative difference of declared and recorded frame rate that is worth a warning
 
 
@@ -138,7 +144,7 @@ def clock(
                         f"{path}: frame_rate = {frame_rate:g} Hz is declared, but the file's own time stamps give "
                         f"{recorded:g} Hz; the file's are used (a film saved at playback rate: clock = 'declared')"
                     )
-            return Clock(start + stamps, "file", warnings)
+            return Clock(start + stamps, "file", warnings + uneven(path, stamps))
         bad = int(np.argmax(~(step > 0))) + 1 if n > 1 else 0
         problem = f"{path}: the file's time stamps do not increase at frame {bad}"
         if frame_rate is None:
@@ -151,6 +157,37 @@ def clock(
     if positions is None:
         positions = np.arange(n, dtype=np.float64)
     return Clock(start + positions / frame_rate, "declared", warnings)
+
+
+def uneven(path: Path, stamps: NDArray[np.float64]) -> list[str]:
+    """Words for (n,) increasing stamps [s] that are uneven: frames missing, a clock that leaps, a varying rate."""
+    steps = np.diff(stamps)
+    if steps.size < 3:
+        return []
+    usual = float(np.median(steps))
+    in_ms = bool(np.allclose(stamps * 1e3, np.rint(stamps * 1e3), atol=1e-6))  # rounded, as Matroska's are
+    allowed = max(UNEVEN * usual, 1.01e-3 if in_ms else 0.0)
+    odd = np.flatnonzero(np.abs(steps - usual) > allowed)
+    if not odd.size:
+        return []
+    k, share = int(odd[0]), odd.size / steps.size
+    if (far := np.flatnonzero(steps > LEAP * usual)).size:
+        j = int(far[0])
+        return [
+            f"{path}: the time stamps leap by {steps[j]:.3g} s after frame {j} (usually {usual:.3g} s): damaged? Give "
+            "clock = 'declared' with frame_rate, or leave the frames out (exclude_frames)"
+        ]
+    whole = np.rint(steps[odd] / usual)
+    if share < FEW and (whole >= 2).all() and (np.abs(steps[odd] - whole * usual) < allowed).all():
+        n = int((whole - 1).sum())
+        return [
+            f"{path}: {n} frame{'s are' if n > 1 else ' is'} missing by the time stamps, first after frame {k}; "
+            "the others keep their own times"
+        ]
+    return [
+        f"{path}: the time between frames varies, from {steps.min():.3g} to {steps.max():.3g} s (usually {usual:.3g} "
+        "s); each frame has its own time"
+    ]
 
 
 def differs(rate: float, stamps: NDArray[np.float64]) -> bool:
@@ -171,8 +208,15 @@ def lost(path: Path, whole: int, promised: int) -> list[str]:
 
 
 def check_image(path: Path, height: int, width: int) -> None:
+    """Refuses sizes that no camera has, before memory is taken for them."""
     if not (0 < height <= 2**16 and 0 < width <= 2**16):
         raise FrameError(f"{path}: frames of {height} x {width} pixels; allowed: 1 to 65536 each way (damaged header?)")
+    most = float(os.environ.get(LARGEST, MEGAPIXELS))
+    if height * width > 1e6 * most:
+        raise FrameError(
+            f"{path}: frames of {height} x {width} pixels; allowed: {most:g} million (damaged header?); crop it, or "
+            f"set the environment variable {LARGEST} to more"
+        )
 
 
 def native(image: NDArray[Any], where: Path | str) -> Image:
@@ -215,3 +259,13 @@ def single_channel(image: NDArray[Any], where: Path | str, *, order: str = "rgb"
         return np.ascontiguousarray(image[:, :, 0])
     r, g, b = (order.index(c) for c in "rgb")
     return luma(image[:, :, r], image[:, :, g], image[:, :, b])
+
+
+def upright(image: Image, orientation: int) -> Image:
+    """The image as an EXIF orientation wants it shown (Exif 2.3, tag 274): 3 is upside down, 6 lies on its side."""
+    turned = np.transpose(image) if orientation > 4 else image
+    if orientation in (3, 4, 7, 8):
+        turned = turned[::-1]
+    if orientation in (2, 3, 6, 7):
+        turned = turned[:, ::-1]
+    return np.ascontiguousarray(turned)

@@ -17,7 +17,7 @@ FIELDS = {
     "width": ("Image Width", "imageDataInfo/resolution/width"),
     "height": ("Image Height", "imageDataInfo/resolution/height"),
     "frames": ("Total Frame", "frameInfo/totalFrame"),
-    "skip": ("Skip Frame", "frameInfo/skipFrame"),
+    "skip": ("Save Step", "frameInfo/skipFrame"),
     "rate": ("Record Rate(fps)", "recordInfo/recordRate"),
     "shutter": ("Shutter Speed(s)", "recordInfo/shutterSpeed"),
     "shutter_ns": ("Shutter Speed(ns)", "recordInfo/shutterSpeedNsec"),

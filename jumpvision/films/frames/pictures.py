@@ -1,4 +1,4 @@
-"""Pictures and sequences of pictures: size, wholeness and pixels as grey, in natural order (2 before 10)."""
+"""Pictures and sequences of pictures: size, wholeness and pixels as grey."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .base import Film, FrameError, Image, check_image, clock, single_channel
+from .base import Film, FrameError, Image, check_image, clock, single_channel, upright
+from .names import numbering
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff")
 TAIL = 2**16  # bytes at the end of a file where a JPEG's end marker is looked for; cameras append notes after it
@@ -41,14 +42,14 @@ def image_size(path: Path) -> tuple[int, int]:
     size = {".png": png_size, ".bmp": bmp_size, ".pgm": pnm_size, ".ppm": pnm_size}.get(suffix, jpeg_size)(head, tail)
     if size is None:
         raise FrameError(f"{path}: the image is torn or no {suffix} image; copy it again or leave it out")
-    check_image(path, *size)
     if size[0] * size[1] > MAX_COMPRESSION * nbytes:
         raise FrameError(f"{path}: {size[0]} x {size[1]} pixels in {nbytes} bytes (damaged header?); copy it again")
-    return size
+    check_image(path, *size)
+    return (size[1], size[0]) if orientation(path, head) > 4 else size
 
 
 def read_image(path: Path) -> Image:
-    """(height, width) grey at the file's own depth, as stored: a turning note (EXIF) is not obeyed."""
+    """(height, width) grey at the file's own depth, turned as its EXIF note says, as every viewer shows it."""
     suffix = path.suffix.lower()
     if suffix in (".tif", ".tiff"):
         from .tiff import TiffFilm
@@ -59,13 +60,42 @@ def read_image(path: Path) -> Image:
         return single_channel(read_pnm(path), path)
     import cv2
 
+    data = np.fromfile(path, np.uint8)
     try:
-        image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
+        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
         raise FrameError(f"{path}: cannot be decoded: {error}; copy it again or leave it out") from error
-    if image is None:
-        raise FrameError(f"{path}: the image is damaged and cannot be decoded; copy it again or leave it out")
-    return single_channel(np.asarray(image), path, order="bgr")
+    if image is None or (suffix in (".jpg", ".jpeg") and not whole_jpeg(data.tobytes())):
+        raise FrameError(f"{path}: the image is damaged and cannot be decoded whole; copy it again or leave it out")
+    return upright(single_channel(np.asarray(image), path, order="bgr"), orientation(path, data[: 2**16].tobytes()))
+
+
+def orientation(path: Path, head: bytes) -> int:
+    """The EXIF orientation of a picture, 1 to 8; 1 (as stored) where it has none. head: begin of the file."""
+    if b"Exif" not in head and b"eXIf" not in head:
+        return 1
+    from PIL import Image as Pictures
+
+    try:
+        with Pictures.open(path) as picture:
+            return int(picture.getexif().get(0x0112, 1))
+    except (OSError, ValueError, SyntaxError):  # notes that cannot be read turn nothing
+        return 1
+
+
+def whole_jpeg(data: bytes) -> bool:
+    """Whether a JPEG's coded data are there to the end: what is missing OpenCV's decoder fills with grey, unsaid."""
+    import av
+
+    codec = av.CodecContext.create("mjpeg", "r")
+    codec.options = {"err_detect": "explode"}
+    try:
+        codec.decode(av.Packet(data))
+    except av.error.InvalidDataError:
+        return False
+    except av.error.FFmpegError:  # CMYK and other kinds that this decoder has not
+        return True
+    return True
 
 
 def png_size(head: bytes, tail: bytes) -> tuple[int, int] | None:
@@ -129,7 +159,7 @@ class ImageFilm(Film):
     def __init__(
         self, path: Path, *, files: Sequence[Path] | None = None, frame_rate: float | None, start: float
     ) -> None:
-        self._files = list(files or [path])
+        self._files, positions, warnings = numbering(path, list(files or [path]))
         sizes = [image_size(file) for file in self._files]  # before a pixel is decoded: a damaged size is refused here
         first = read_image(self._files[0])
         for file, size in zip(self._files, sizes):
@@ -138,7 +168,6 @@ class ImageFilm(Film):
                     f"{file}: {size[0]} x {size[1]} pixels, but {self._files[0].name} has {first.shape[0]} x "
                     f"{first.shape[1]}; a film needs one size; leave it out or give a pattern that does"
                 )
-        positions, warnings = numbered(path, self._files)
         super().__init__(
             path,
             shape=(first.shape[0], first.shape[1]),
@@ -167,12 +196,8 @@ class ImageFilm(Film):
         self._files = []
 
 
-def natural(path: Path) -> list[str | int]:
-    return [int(part) if part.isdecimal() else part for part in re.split(r"([0-9]+)", path.name.lower())]
-
-
 def image_files(path: Path) -> list[Path]:
-    """The images of a folder or pattern in natural order. Raises FrameError for none or a mixed folder."""
+    """The images of a folder or pattern. Raises FrameError for none or a mixed folder."""
     if path.is_dir():
         files = [
             f for f in path.iterdir() if f.suffix.lower() in SUFFIXES and not f.name.startswith(".") and f.is_file()
@@ -192,23 +217,4 @@ def image_files(path: Path) -> list[Path]:
                 )
     if not files:
         raise FrameError(f"{path}: no image here; allowed: {' '.join(SUFFIXES)}")
-    return sorted(files, key=lambda f: (natural(f), f.name))
-
-
-def numbered(path: Path, files: Sequence[Path]) -> tuple[NDArray[np.float64] | None, list[str]]:
-    """(frame numbers from 0 or None, warnings): gaps in the last number of names that agree in all else."""
-    parts = [re.fullmatch(r"(.*?)([0-9]+)([^0-9]*)", f.stem) for f in files]
-    if len(files) < 3 or not all(parts) or len({(p[1], p[3]) for p in parts if p}) > 1:
-        return None, []
-    numbers = np.array([float(p[2]) for p in parts if p])
-    gaps = np.diff(numbers)
-    step = float(np.median(gaps))
-    if step <= 0 or (gaps == step).all():
-        return None, []
-    if (gaps % step).any() or (gaps <= 0).any():
-        return None, [f"{path}: the images are numbered unevenly; they are timed as if none were missing"]
-    k = int(np.argmax(gaps != step))
-    missing = int((gaps / step - 1).sum())
-    return (numbers - numbers[0]) / step, [
-        f"{path}: {missing} images are missing by their numbers, first after {files[k].name}; their times are left free"
-    ]
+    return files

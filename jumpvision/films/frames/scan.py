@@ -166,10 +166,13 @@ def timeline(path: Path, scan: Scan) -> Timeline:
     ticks = np.array([stamps[k] - stamps[order[0]] for k in order], dtype=np.float64)
     time = ticks * scan.tick.numerator / scan.tick.denominator
     if scan.rate > 0:
-        # Stamps are rounded (MKV, WEBM: to 1 ms). An even rate that explains all within the rounding is exact.
-        even = np.arange(len(order)) / scan.rate
-        if np.abs(time - even).max() < 0.999 * scan.tick:
-            time = even
+        # Stamps are rounded (MKV, WEBM: to 1 ms). An even rate that explains all within the rounding is exact, be it
+        # with frames that are missing.
+        for number in (np.arange(len(order)), np.rint(time * scan.rate)):
+            even = number / scan.rate
+            if np.abs(time - even).max() < 0.999 * scan.tick and (np.diff(number) >= 1).all():
+                time = even
+                break
     at = np.array([slot[k] for k in packets], dtype=np.int64)
     return Timeline(np.array(good, dtype=np.int64), time[at], len(order) - len(good))
 

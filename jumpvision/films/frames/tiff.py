@@ -6,11 +6,12 @@ import json
 import math
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from .base import Film, FrameError, Image, check_image, clock, lost, native_type, single_channel
+from .base import Film, FrameError, Image, check_image, clock, lost, native_type, single_channel, upright
 
 MOST_PAGES = 40_000  # looking one up takes 0.2 ms
 MAX_COMPRESSION = 2000  # pixel bytes a stored byte; a larger claim is a damaged header
@@ -52,8 +53,16 @@ class TiffFilm(Film):
         check_image(path, height, width)
         kind = native_type(dtype, path)
         self._axes, self._page_shape, self._dtype = axes, shape, dtype
+        self._colours = colours_of(page, channels, path)
+        tag = page.tags.get("Orientation")
+        self._turn = int(tag.value) if tag is not None and 1 <= int(tag.value) <= 8 else 1
+        if self._turn > 4:
+            height, width = width, height
+        if self._colours.kind == PALETTE:
+            kind = np.dtype(np.uint8)
         self._nbytes = math.prod(shape) * dtype.itemsize
 
+        check_hyperstack(path, text)
         promised = described(text, math.prod(shape))
         self._block = 0
         whole = self._whole_pages(size)
@@ -69,7 +78,7 @@ class TiffFilm(Film):
             dtype=kind,
             clock=clock(path, whole, start=start, frame_rate=frame_rate),
             warnings=lost(path, whole, max(promised, self._seen)),
-            meta={"format": "tiff", "bit_depth": int(page.bitspersample)},
+            meta={"format": "tiff", "bit_depth": 8 if kind == np.uint8 else int(page.bitspersample)},
         )
 
     def _whole_pages(self, size: int) -> int:
@@ -105,24 +114,31 @@ class TiffFilm(Film):
 
     def _read(self, i: int) -> Image:
         try:
+            ready = False  # whether it is turned and its colours are converted already
             if self._block:
                 file = self._tiff.filehandle
                 file.seek(self._block + i * self._nbytes)
                 data = np.frombuffer(file.read(self._nbytes), self._dtype.newbyteorder(self._tiff.byteorder))
                 image = data.reshape(self._page_shape).copy()
             else:
-                image = self._decode(self._tiff.pages[i], i)
+                image, ready = self._decode(self._tiff.pages[i], i)
         except Exception as error:
             raise FrameError(
                 f"{self.path}: page {i} cannot be decoded: {error}; save it uncompressed or copy it again"
             ) from error
         if self._axes == "SYX":
             image = np.moveaxis(image, 0, -1)
-        return single_channel(image, f"{self.path}, page {i}")
+        where = f"{self.path}, page {i}"
+        return (
+            single_channel(image, where)
+            if ready
+            else upright(single_channel(self._colours.shown(image), where), self._turn)
+        )
 
-    def _decode(self, page: Any, i: int) -> Any:
+    def _decode(self, page: Any, i: int) -> tuple[Any, bool]:
+        """The page, and whether it is turned and its colours are converted already, as OpenCV does."""
         try:
-            return page.asarray()
+            return page.asarray(), False
         except ValueError as error:
             if "imagecodecs" not in str(error):
                 raise
@@ -135,10 +151,64 @@ class TiffFilm(Film):
         image = images[0]
         if image.ndim == 3:
             image = image[:, :, [2, 1, 0, 3][: image.shape[2]]]  # OpenCV's order is blue first
-        return image if self._axes != "SYX" else np.moveaxis(image, -1, 0)
+        return (image if self._axes != "SYX" else np.moveaxis(image, -1, 0)), self._colours.kind != WHITE_IS_ZERO
 
     def close(self) -> None:
         self._tiff.close()
+
+
+WHITE_IS_ZERO, BLACK_IS_ZERO, RGB, PALETTE, SEPARATED, YCBCR = 0, 1, 2, 3, 5, 6  # TIFF 6.0, PhotometricInterpretation
+
+
+class Colours(NamedTuple):
+    """What the values of a page mean. kind: PhotometricInterpretation; white: its greatest value; palette: (n, 3)."""
+
+    kind: int
+    white: int
+    palette: NDArray[np.uint8] | None = None
+
+    def shown(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Grey (bright where much light is) or red, green, blue from the values of a page."""
+        if self.kind == WHITE_IS_ZERO:
+            return np.asarray(self.white - values, values.dtype)
+        if self.palette is not None:
+            return self.palette[values]
+        if self.kind == SEPARATED:  # cyan, magenta, yellow, black: how much ink takes the light away
+            ink = values.astype(np.float64) / self.white
+            light = (1.0 - ink[..., :3]) * (1.0 - ink[..., 3:4])
+            return np.rint(self.white * light).astype(values.dtype)
+        return values
+
+
+def colours_of(page: Any, channels: int, path: Path) -> Colours:
+    """Raises FrameError for colours that are not read."""
+    kind, bits = int(page.photometric), int(page.bitspersample)
+    white = 2**bits - 1
+    if kind == WHITE_IS_ZERO and page.dtype.kind == "f":
+        raise FrameError(f"{path}: decimal values of which white is 0; save it with black as 0")
+    if kind == PALETTE:
+        if page.colormap is None or page.dtype.itemsize > 2:
+            raise FrameError(f"{path}: a palette image without its palette; save it as grey")
+        return Colours(kind, white, (page.colormap.T >> 8).astype(np.uint8))
+    if kind == SEPARATED and (page.dtype.kind != "u" or channels != 4):
+        raise FrameError(f"{path}: inks other than cyan, magenta, yellow and black; save it as grey")
+    if kind not in (WHITE_IS_ZERO, BLACK_IS_ZERO, RGB, SEPARATED, YCBCR):
+        raise FrameError(
+            f"{path}: colours of kind {kind} (PhotometricInterpretation); allowed: grey, RGB, palette, CMYK; save it "
+            "as grey"
+        )
+    return Colours(kind, white)
+
+
+def check_hyperstack(path: Path, text: str) -> None:
+    """Refuses ImageJ's hyperstacks of several channels, or of slices and frames: which images are the film?"""
+    count = {k: int(n) for k, n in re.findall(r"^(channels|slices|frames)=(\d{1,9})$", text, re.MULTILINE)}
+    several = {k: n for k, n in count.items() if n > 1}
+    if len(several) > 1:  # channels alone are how some programs write a film
+        raise FrameError(
+            f"{path}: an ImageJ hyperstack of {', '.join(f'{n} {k}' for k, n in several.items())}; a film is one image "
+            "a frame: save one channel of it (Image > Duplicate, then File > Save As > Tiff)"
+        )
 
 
 def described(text: str, page: int) -> int:

@@ -56,6 +56,11 @@ class VideoFilm(Film):
                 f"{path}: {line.lost} frames are damaged or depend on a damaged one and are left out; "
                 "the others keep their own times"
             )
+        if scan.hidden:
+            warnings.append(
+                f"{path}: {scan.hidden} frame{'s' if scan.hidden > 1 else ''} that the file's edit list hides are left "
+                "out, as players do"
+            )
         if scan.rotation % 360:
             warnings.append(f"{path}: asks players to turn it by {scan.rotation} degrees; the frames come as stored")
         height, width, name = next(iter(scan.kinds))

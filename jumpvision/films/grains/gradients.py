@@ -224,28 +224,3 @@ def swirl_sigma(g: Gradients) -> Array:
     of_v = (half * g.v_y_sigma) ** 2 + (g.u_y * g.v_x_sigma) ** 2 - 2.0 * half * g.u_y * g.v_cov
     strength = swirl(g.u_x, g.u_y, g.v_x, g.v_y)
     return 0.5 * np.sqrt(of_u + of_v) / np.where(strength > 0.0, strength, np.nan)
-
-
-def axisymmetric_divergence(u_x: Array, v_y: Array, u: Array, x: Array, axis_x: float) -> Array:
-    """u_x + v_y + u/(x - axis_x) = d u_r/dr + u_r/r + dv/dy, assuming azimuthal symmetry about the foot's axis.
-
-    u (ny, nx) [m/s], x (nx,) and axis_x [m]. Both signs of r cancel, so it holds on either side. In the column on the
-    axis (nearer than half a grid step) u/r is its limit u_x.
-    """
-    r = _radius(x, axis_x)
-    return u_x + v_y + np.where(np.isnan(r), u_x, u / r)
-
-
-def axisymmetric_divergence_sigma(g: Gradients, u_sigma: Array, x: Array, axis_x: float) -> Array:
-    """Linear propagation, u and its derivative taken as independent (exact for a symmetric neighbourhood)."""
-    r = _radius(x, axis_x)
-    hoop = np.where(np.isnan(r), 0.0, u_sigma / np.abs(r))
-    return np.sqrt(np.where(np.isnan(r), 4.0, 1.0) * g.u_x_sigma**2 + g.v_y_sigma**2 + hoop**2)
-
-
-def _radius(x: Array, axis_x: float) -> Array:
-    """Signed distance from the axis [m], shape (1, nx); NaN in the column on the axis."""
-    x = np.asarray(x, dtype=float)
-    step = np.min(np.abs(np.diff(x)))
-    r = x - axis_x
-    return np.where(np.abs(r) < 0.5 * step, np.nan, r)[None, :]

@@ -10,6 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
+from jumpvision.films.calibration import OWN_NOISE, ROUNDED_OFF, SUDDEN_NOISE
 
 from .steady import Velocities
 
@@ -22,12 +23,6 @@ REASONS = {
     FOOT: "reached the foot",
     LOST: "the field turns too fast for its step",
 }
-OWN = 0.01  # share of a displacement's variance that belongs to its pair alone and not to one of its two frames
-SUDDEN = 2.0  # times the variance before: what exceeds it is the pair's own, a bad match and not its frames' noise
-# what the matching of curved motion rounds off, over window^2 (d_xx + d_yy): at 0, 1, 2, 3 and more vectors from the
-# border or from where nothing is measured. From drawn vortices of 126 and 157 px, window 24, step 8, alike at noise 2
-# and 6; at the border it is 0.012-0.014 for windows of 16, 24, 32 px, steps of 6-16 px and all presets
-LEFT = (0.0136, 0.0095, 0.0045, 0.0024)
 TURNS, CLOSE = 60, 1e-4  # of the fixed point, and how near [vectors] it comes
 
 
@@ -83,7 +78,8 @@ class Surface:
     def rounded_off(self, x: Array, y: Array) -> Array:
         """What the vectors are about too slow or too fast by, (n, 2)."""
         bent = self.grid.window**2 * np.stack([s.ev(y, x, dy=2) + s.ev(y, x, dx=2) for s in self.of], -1)
-        return np.interp(between(self.grid, self.from_edge, x, y), range(len(LEFT)), LEFT)[:, None] * bent
+        share = ROUNDED_OFF.value
+        return np.interp(between(self.grid, self.from_edge, x, y), range(len(share)), share)[:, None] * bent
 
 
 def carried(grid: Grid, steps: Iterable[Step], x: Array, y: Array) -> Carried:
@@ -92,10 +88,10 @@ def carried(grid: Grid, steps: Iterable[Step], x: Array, y: Array) -> Carried:
     A field holds half-way in time: x1 = x0 + d((x0 + x1)/2), d = (u, v) lasts, by its fixed point. Places and
     velocities in one unit of length.
 
-    Of a displacement's error the part (1 - OWN) is the noise of its two frames, w1 - w0, and the next pair begins with
-    the frame that this one ends with, so that along a path all but the first and the last cancel; what is the pair's
-    own adds in squares. What the vectors round off (LEFT) is a matter of place and adds with its sign. Each is carried
-    on by the flow's deformation.
+    Of a displacement's error the part (1 - OWN_NOISE) is the noise of its two frames, w1 - w0, and the next pair begins
+    with the frame that this one ends with, so that along a path all but the first and the last cancel; what is the
+    pair's own adds in squares. What the vectors round off (ROUNDED_OFF) is a matter of place and adds with its sign.
+    Each is carried on by the flow's deformation.
     """
     place, n = np.stack([x, y]).astype(float), x.size
     why = np.zeros(n, np.int8)
@@ -117,8 +113,8 @@ def carried(grid: Grid, steps: Iterable[Step], x: Array, y: Array) -> Carried:
         now = ended(grid, f.measured, np.isfinite(f.u), middle, place[:, go], foot)
         why[go] = np.where((off > near) & (now == UNDER_WAY), LOST, now)
         variance = lasts**2 * np.stack([between(grid, known(s), *middle) ** 2 for s in f[2:4]], -1)
-        plain[go] = np.minimum(variance, SUDDEN * plain[go])
-        noise = np.eye(2) * (0.5 * (1.0 - OWN) * plain[go][:, None])
+        plain[go] = np.minimum(variance, SUDDEN_NOISE.value * plain[go])
+        noise = np.eye(2) * (0.5 * (1.0 - OWN_NOISE.value) * plain[go][:, None])
         half = 0.5 * lasts * surface.gradient(*middle)
         turned = np.linalg.solve(np.eye(2) - half, np.eye(2) + half)
         bias = np.linalg.solve(np.eye(2) - half, lasts * surface.rounded_off(*middle)[..., None])[..., 0]
@@ -126,7 +122,7 @@ def carried(grid: Grid, steps: Iterable[Step], x: Array, y: Array) -> Carried:
         if k == 0:
             first[go] = noise
         first[go], own[go] = (turned @ a[go] @ turned.swapaxes(1, 2) for a in (first, own))
-        own[go] += np.eye(2) * ((variance - (1.0 - OWN) * plain[go])[:, None])
+        own[go] += np.eye(2) * ((variance - (1.0 - OWN_NOISE.value) * plain[go])[:, None])
         end[go] = noise
         stopped = why != UNDER_WAY
         place[:, stopped] = np.nan

@@ -10,10 +10,10 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import Array
+from jumpvision.films.calibration import CLICKED_MARK
 
 UP = {"-y": 1j, "+y": -1j, "-x": -1.0, "+x": 1.0}  # image directions as complex numbers, x right, y up
 OFF = 0.3  # px rms, by which marks are missed when they are clicked: less is no sign of perspective
-READING = 0.5  # px, standard uncertainty of each coordinate of a mark that is clicked
 SURE = 0.01  # chance of calling marks on a plane seen straight on a perspective view
 
 
@@ -111,6 +111,8 @@ def camera(
         if len(known) < 4 or left <= OFF:
             return flat
         h = _homography(np.column_stack([column, row]), known[:, 2:])
+        if h is None:
+            return flat
         spread = abs(a) * marks_share(column - 1j * row, math.nan)
         tilted = Camera(complex(a), complex(b), 1j * turn, k1, k2, centre, h, scale_sigma=spread)
         rest = float(np.sum(np.abs(tilted._plane(known[:, 0], known[:, 1]) - true) ** 2)) / abs(a) ** 2
@@ -131,26 +133,19 @@ def marks_share(place: NDArray[np.complex128], residual: float) -> float:
     """Relative standard uncertainty of the scale of marks at `place` (n,) [px], from the least squares of a similarity.
 
     residual [px]: of each coordinate, from more marks than the map needs; NaN without any to spare (two marks): then
-    READING. The known distances count as exact.
+    CLICKED_MARK. The known distances count as exact.
     """
-    noise = residual if math.isfinite(residual) else READING
+    noise = residual if math.isfinite(residual) else CLICKED_MARK.value
     return noise / float(np.sqrt(np.sum(np.abs(place - place.mean()) ** 2)))
 
 
-def _homography(pixel: Array, metre: Array) -> Array:
-    """(3, 3) with (column, row, 1) -> (x, y, 1) w of least algebraic error, normalised (Hartley 1997)."""
+def _homography(pixel: Array, metre: Array) -> Array | None:
+    """(3, 3) with (column, row, 1) -> (x, y, 1) w of least algebraic error, normalised (Hartley 1997); None for places
+    in one line. OpenCV's is refined to the least distances in metres, while the clicks err in pixels."""
+    from skimage.transform import estimate_transform  # here: its import takes a quarter of a second
 
-    def normal(p: Array) -> Array:
-        m, s = p.mean(axis=0), math.sqrt(2.0) / np.mean(np.hypot(*(p - p.mean(axis=0)).T))
-        return np.array([[s, 0.0, -s * m[0]], [0.0, s, -s * m[1]], [0.0, 0.0, 1.0]])
-
-    t, u = normal(pixel), normal(metre)
-    ones = np.ones((len(pixel), 1))
-    a, b = np.hstack([pixel, ones]) @ t.T, np.hstack([metre, ones]) @ u.T
-    zero = np.zeros_like(a)
-    rows = np.vstack([np.hstack([a, zero, -b[:, :1] * a]), np.hstack([zero, a, -b[:, 1:2] * a])])
-    h = np.linalg.svd(rows)[2][-1].reshape(3, 3)
-    return np.asarray(np.linalg.inv(u) @ h @ t)
+    found = getattr(estimate_transform("projective", pixel, metre), "params", None)
+    return found if found is not None and np.isfinite(found).all() else None
 
 
 ROUNDS = 50  # of the fixed-point inversion of lens and view, at most

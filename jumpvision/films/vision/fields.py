@@ -17,7 +17,8 @@ LEAST = 30  # such pixels
 PLACES = 8  # of a film that are looked at
 CLEAR = 0.22  # of the logarithm of how much the fields that meet comb by both orders
 COLUMNS = 640  # of them, or some more
-SIGMA = 1.2  # on a fit's own: rows that are made up are no measurements (drawn discs of 15 to 22 px, rows' errors)
+
+INTERLACED = 'the film is interlaced: every frame shows two instants; give {} = "{}" to follow both'
 
 
 def field(image: Image, lower: bool) -> Image:

@@ -14,13 +14,13 @@ import scipy
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import FROM_MAD, Array
+from jumpvision.films.calibration import FACE_READ
 
 BELOW = 3  # rows under the face that take part in the fit of the edge
 BLURS = (0.3, 0.5, 0.7, 0.9, 1.2, 1.6)  # px, widths tried for the edge in frame 0
 SMOOTH = 1.0  # px, standard deviation of the Gaussian that both pictures of the body are smoothed with
 BLOCK = 16  # columns that share a grain: the errors of blocks are independent, those of columns are not
 CLIP = 9.0  # squared residual, in variances, above which a pixel of the body says no more than that it is hidden
-GIVEN = 1.0  # px, uncertainty of a row read off the screen
 MAX_SIGMA = 0.5  # px, a worse face is no face
 SPARED = 3  # last rows of the body in frame 0 that are not searched for: the face is known to 3 px
 LEAST_ROWS = 5  # of the body to be compared
@@ -69,7 +69,7 @@ class Body:
             if (
                 not found
             ):  # a foot above its hole, dark on dark: its place is the one given, its motion is in its texture
-                self.row, self.blur, self.offset_sigma = row, BLURS[-1], GIVEN
+                self.row, self.blur, self.offset_sigma = row, BLURS[-1], FACE_READ.value
                 break
             _, self.row, self.blur, self.offset_sigma = min(found)
         self._picture(first, None)

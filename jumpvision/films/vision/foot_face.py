@@ -12,10 +12,9 @@ import scipy
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
+from jumpvision.films.calibration import FACE_OF_FOOT
 
 from .foot_body import Body
-
-APART = 0.5  # px, standard uncertainty from grains that do not reach right up to the face: nine films have 0.44 rms
 
 
 @dataclass(frozen=True)
@@ -80,9 +79,8 @@ def track_foot(
     shift, offset_sigma = stack.face() if 2 * stack.n > len(rows) else (0.0, math.inf)
     if math.isinf(offset_sigma):
         shift, offset_sigma = 0.0, body.offset_sigma
-    return FootTrack(
-        np.array(rows) + shift, np.array(sigmas), np.array(flags, dtype=np.str_), math.hypot(APART, offset_sigma)
-    )
+    sigma = math.hypot(FACE_OF_FOOT.value, offset_sigma)
+    return FootTrack(np.array(rows) + shift, np.array(sigmas), np.array(flags, dtype=np.str_), sigma)
 
 
 ABOVE, BELOW = 12, 8  # rows about the expected face that are laid over each other

@@ -9,13 +9,13 @@ import scipy
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
+from jumpvision.films.calibration import CLIPPED_EDGE, VISIBLE_GLOW
 
 REACH = 8  # px, rows on each side of the edge
 PER_PIXEL = 4  # bins a pixel
 FEWEST = 32  # columns, below which no profile is made
 BELOW = 1.5  # px under the clipped edge: further down grains and light between them bend the profile
 DEEP = 4.5  # px, from which on the profile is the dark of the bed
-SHAPE = 0.14  # of the shift: by how much the unknown shape of the edge moves it, by drawn pictures
 NAN = float("nan")
 
 
@@ -53,18 +53,15 @@ def clipped_shift(grey: Array, row: Array, saturation: float) -> tuple[float, fl
         bounds=([0.8, -3.0, 0.3], [4.0, 1.0, 4.0]),
     )
     variance = 2.0 * fit.cost / (t.size - 3) * np.linalg.pinv(fit.jac.T @ fit.jac)[1, 1]
-    return float(fit.x[1]), math.hypot(math.sqrt(max(0.0, float(variance))), SHAPE * float(fit.x[1]))
-
-
-VISIBLE = 2.2  # chi2 without / with glow: up to 2.1 for textured grains without glow, above 2.2 with it
+    return float(fit.x[1]), math.hypot(math.sqrt(max(0.0, float(variance))), CLIPPED_EDGE.value * float(fit.x[1]))
 
 
 def glow_shift(grey: Array, row: Array) -> tuple[float, float]:
     """(shift, sigma) [px, rows down] to add to the edges `row` (n,) [px] of an image (rows, n), NaN = no edge.
 
     Fitted to the mean profile is dark + (light - dark) Phi(-(t - shift)/s) + glow E(t - shift), with E an exponential
-    decay below the edge blurred by the same s. Zero where a profile without glow fits nearly as well (VISIBLE): grain
-    texture bends the profile too, and a glow that is not there would be fitted to it.
+    decay below the edge blurred by the same s. Zero where a profile without glow fits nearly as well (VISIBLE_GLOW):
+    grain texture bends the profile too, and a glow that is not there would be fitted to it.
     """
     ny = grey.shape[0]
     column = np.flatnonzero(np.isfinite(row) & (row > REACH + 1) & (row < ny - REACH - 2))
@@ -100,7 +97,7 @@ def glow_shift(grey: Array, row: Array) -> tuple[float, float]:
         np.compress(without, start),
         bounds=(np.compress(without, low_p), np.compress(without, high_p)),
     )
-    if plain.cost < VISIBLE * fit.cost:
+    if plain.cost < VISIBLE_GLOW.value * fit.cost:
         return 0.0, 0.0
     variance = 2.0 * fit.cost / max(1, t.size - 6) * np.linalg.pinv(fit.jac.T @ fit.jac)[0, 0]
     return float(fit.x[0]), math.sqrt(max(0.0, float(variance)))

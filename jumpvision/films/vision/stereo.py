@@ -16,9 +16,9 @@ import scipy
 from numpy.typing import ArrayLike
 
 from jumpvision.base.arrays import Array
+from jumpvision.films.calibration import CLICKED_MARK
 
 LEAST = 6  # marks of a camera, not in one plane
-READING = 0.5  # px, standard uncertainty of a coordinate of a mark, where the marks cannot tell (as in vision.camera)
 STEP = 1e-6  # relative to a parameter's own scale, of a derivative
 ROUNDS = 12  # of Gauss and Newton, at most: each squares the error
 FAR = 5.5  # sigma by which the rays of one body miss each other: chance 4e-8
@@ -56,8 +56,8 @@ def pinhole(pixel: ArrayLike, place: ArrayLike, *, lens: bool = False) -> Pinhol
     """The camera that sees marks at `place` (n, 3) [m] in `pixel` (n, 2) column, row [px], by least squares.
 
     lens: fit the distortion k1 too. The places count as exact; what is left of the pixels over the spare coordinates is
-    their uncertainty, or READING where none or too few (below 3) are to spare. Raises ValueError for fewer than LEAST
-    marks, marks in one plane, or none that a camera could see so.
+    their uncertainty, or CLICKED_MARK where none or too few (below 3) are to spare. Raises ValueError for fewer than
+    LEAST marks, marks in one plane, or none that a camera could see so.
     """
     pixel, place = np.asarray(pixel, float), np.asarray(place, float)
     if pixel.shape != (len(place), 2) or place.shape != (len(place), 3):
@@ -85,7 +85,7 @@ def pinhole(pixel: ArrayLike, place: ArrayLike, *, lens: bool = False) -> Pinhol
     depth = place @ scipy.spatial.transform.Rotation.from_rotvec(p[4:7]).as_matrix()[2] + p[9]
     if not (p[0] > 0.0 and (depth > 0.0).all()):
         raise ValueError("marks: no camera sees them so; are pixels and places in the same order, rows counted down?")
-    noise = residual if spare >= 3 else READING
+    noise = residual if spare >= 3 else CLICKED_MARK.value
     scale = np.linalg.norm(found.jac, axis=0)
     covariance[np.ix_(free, free)] = noise**2 * np.linalg.pinv((found.jac / scale).T @ (found.jac / scale))
     covariance[np.ix_(free, free)] /= np.outer(scale, scale)

@@ -2,88 +2,39 @@
 
 A front of jammed grains runs ahead of the foot at mu times its depth z; shear bands at the angle theta narrow it, so
 the flat face shrinks as r = R - mu z / tan(theta) and the rest of the foot becomes the mantle of a cone, complete at
-mu z = R tan(theta). Depths z >= 0 [m], scalar or array; `xp` is the array namespace (numpy or one like it). The same
-functions run as plain Python and inside compiled code.
+mu z = R tan(theta). Depths z >= 0 [m].
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
+
+from jumpvision.engine.laws.expression import Expression, parse
 
 from .ground import K1, SAND
-from .record import Body, Mechanism, Parameter, Prior, law
+from .record import Body, Mechanism, Parameter, Prior
+
+CONE = {
+    "r": "maximum(R - mu / tan(theta) * z, 0)",  # until the cone is complete (23), m
+    "A_flat": "pi * r**2",  # (24), m^2
+    "V_flat": "pi * tan(theta) / (3 * mu) * (R**3 - r**3)",  # integral of A_flat from the surface to z, m^3
+    "A_cone": "(pi * R**2 - A_flat) * sqrt(1 + tan(theta)**2)",  # of the mantle (25), m^2
+    "V_cone": "(pi * R**2 * z - V_flat) * sqrt(1 + tan(theta)**2)",  # integral of A_cone, m^3
+    "m_a": "C * phi * rho * mu * V_flat",  # (33): constant once the cone is complete, kg
+    "m_a_slope": "C * phi * rho * mu * A_flat",  # dm_a/dz (32), greatest at the surface, kg/m
+}
+"""Parts of the cone's laws, by name."""
 
 
-@law
-def flat_radius(xp: Any, z: Any, mu: float, theta: float, R: float) -> Any:
-    """r = R - mu z / tan(theta) until the cone is complete, then 0 [m] (23)."""
-    return xp.maximum(R - mu / xp.tan(theta) * z, 0.0)
+def _of_cone(part: str) -> Expression:
+    names = ("z", "mu", "theta", "R", "C", "phi", "rho")
+    return parse(part, dict(zip(names, names)), CONE)
 
 
-def complete(xp: Any, mu: float, theta: float, R: float) -> Any:
-    """Depth where the cone is complete, R tan(theta) / mu [m]."""
-    return R * xp.tan(theta) / mu
-
-
-@law
-def flat_area(xp: Any, z: Any, mu: float, theta: float, R: float) -> Any:
-    """A_flat = pi r^2 [m^2] (24)."""
-    r = flat_radius(xp, z, mu, theta, R)
-    return math.pi * r * r
-
-
-@law
-def cone_area(xp: Any, z: Any, mu: float, theta: float, R: float) -> Any:
-    """A_cone = (pi R^2 - A_flat) / cos(theta) [m^2] (25)."""
-    return (math.pi * R * R - flat_area(xp, z, mu, theta, R)) * (1.0 + xp.tan(theta) ** 2) ** 0.5
-
-
-@law
-def flat_volume(xp: Any, z: Any, mu: float, theta: float, R: float) -> Any:
-    """Integral of A_flat from the surface to z [m^3]: pi (R^3 - r^3) tan(theta) / (3 mu)."""
-    r = flat_radius(xp, z, mu, theta, R)
-    return math.pi * xp.tan(theta) / (3.0 * mu) * (R**3 - r**3)
-
-
-@law
-def cone_volume(xp: Any, z: Any, mu: float, theta: float, R: float) -> Any:
-    """Integral of A_cone from the surface to z [m^3]."""
-    return (math.pi * R * R * z - flat_volume(xp, z, mu, theta, R)) * (1.0 + xp.tan(theta) ** 2) ** 0.5
-
-
-@law
-def cone_mass(xp: Any, z: Any, C: float, mu: float, theta: float, R: float, phi: float, rho: float) -> Any:
-    """m_a = C phi rho mu (integral of A_flat) [kg] (33): constant once the cone is complete."""
-    return C * phi * rho * mu * flat_volume(xp, z, mu, theta, R)
-
-
-@law
-def cone_mass_slope(xp: Any, z: Any, C: float, mu: float, theta: float, R: float, phi: float, rho: float) -> Any:
-    """dm_a/dz = C phi rho mu A_flat [kg/m] (32), greatest at the surface."""
-    return C * phi * rho * mu * flat_area(xp, z, mu, theta, R)
-
-
-@law
-def rft_cone(xp: Any, z: Any, k1: float, sigma_cone: float, mu: float, theta: float, R: float) -> Any:
-    """(k1 / pi R^2) int A_flat dz + sigma_z(30 deg, 90 deg) int A_cone dz: resistive force theory (26)-(28)."""
-    flat = k1 * flat_volume(xp, z, mu, theta, R) / (math.pi * R * R)
-    return flat + sigma_cone * cone_volume(xp, z, mu, theta, R)
-
-
-@law
-def depth_drag(
-    xp: Any, z: Any, v: Any, b: float, C: float, mu: float, theta: float, R: float, phi: float, rho: float
-) -> Any:
-    """b (dm_a/dz) v^2 (34)."""
-    return b * cone_mass_slope(xp, z, C, mu, theta, R, phi, rho) * v * v
-
-
-@law
-def added_mass(xp: Any, z: Any, a: Any, C: float, mu: float, theta: float, R: float, phi: float, rho: float) -> Any:
-    """-m_a(z) a (34), inertia of the jammed cone."""
-    return -cone_mass(xp, z, C, mu, theta, R, phi, rho) * a
-
+CONE_RADIUS = _of_cone("r")
+flat_area, cone_area = _of_cone("A_flat"), _of_cone("A_cone")
+flat_volume, cone_volume = _of_cone("V_flat"), _of_cone("V_cone")
+cone_mass, cone_mass_slope = _of_cone("m_a"), _of_cone("m_a_slope")
 
 SIGMA = Parameter(
     "sigma_cone",
@@ -122,8 +73,8 @@ RFT_CONE = Mechanism(
     "the resistance of a growing cone",
     "thesis eqs. (23)-(28)",
     "k1/(pi R^2) int A_flat dz + sigma_cone int A_cone dz",
-    rft_cone,
-    bend=complete,
+    "k1 / (pi * R**2) * V_flat + sigma_cone * V_cone",
+    CONE,
     grounds=SAND,
 )
 DEPTH_DRAG = Mechanism(
@@ -134,8 +85,8 @@ DEPTH_DRAG = Mechanism(
     "the drag of grains that join the cone",
     "thesis eqs. (32), (34)",
     "b m_a'(z) v^2",
-    depth_drag,
-    bend=complete,
+    "b * m_a_slope * v**2",
+    CONE,
     grounds=SAND,
     assumed={"C": 2.7},  # of the thesis: only the product b C shows without the added mass
 )
@@ -147,9 +98,8 @@ ADDED_MASS = Mechanism(
     "the added mass of the jammed cone",
     "thesis eqs. (33), (34)",
     "m_a(z)",
-    added_mass,
-    slope=cone_mass_slope,
-    bend=complete,
+    "m_a",
+    CONE,
     grounds=SAND,
     goes_with=("depth_drag",),
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from .record import Body, Mechanism, Parameter, Prior, law
+from .record import Body, Mechanism, Parameter, Prior
 
 SAND = ("granular",)
 
@@ -80,44 +80,6 @@ FACTOR = Parameter(
 )
 
 
-@law
-def linear_penetration(xp: Any, z: Any, k: float) -> Any:
-    """k z (15)."""
-    return k * z
-
-
-@law
-def two_resistance(xp: Any, z: Any, k1: float, k2: float, delta: float) -> Any:
-    """k1 z to the depth delta, k2 per metre below it."""
-    return k1 * xp.minimum(z, delta) + k2 * xp.maximum(z - delta, 0.0)
-
-
-def bend(xp: Any, delta: float) -> Any:
-    """Depth where k1 becomes k2 [m]."""
-    return delta
-
-
-@law
-def inertial_drag(xp: Any, v: Any, alpha: float) -> Any:
-    """alpha v^2 (15), momentum given to displaced grains."""
-    return alpha * v * v
-
-
-@law
-def reintrusion_overshoot(xp: Any, z: Any, z_g: Any, s: float, lam: float) -> Any:
-    """s z_g exp(-(z - z_g) / lambda) for z >= z_g after a lift-off at z_g."""
-    return s * z_g * xp.exp(-(z - z_g) / lam)
-
-
-@law
-def stop_go_overshoot(xp: Any, z: Any, z_stop: Any, z_left: Any, s_p: float, lam: float, carry: float) -> Any:
-    """s_p (z_stop + carry z_left) exp(-(z - z_stop) / lambda) after a pause at z_stop without lift-off.
-
-    With s_p = 1 at the next pause, the z_left of that one: a pause before the last overshoot is over compounds it.
-    """
-    return s_p * (z_stop + carry * z_left) * xp.exp(-(z - z_stop) / lam)
-
-
 LINEAR_PENETRATION = Mechanism(
     "linear_penetration",
     Body.STATIC,
@@ -126,7 +88,7 @@ LINEAR_PENETRATION = Mechanism(
     "a resistance in proportion to depth",
     "thesis eq. (15)",
     "k z",
-    linear_penetration,
+    "k * z",
     grounds=SAND,
 )
 TWO_RESISTANCE = Mechanism(
@@ -137,8 +99,7 @@ TWO_RESISTANCE = Mechanism(
     "a resistance that bends with depth",
     "thesis chapter III, force model 2",
     "k1 min(z, delta) + k2 max(z - delta, 0)",
-    two_resistance,
-    bend=bend,
+    "k1 * minimum(z, delta) + k2 * maximum(z - delta, 0)",
     grounds=SAND,
 )
 INERTIAL_DRAG = Mechanism(
@@ -149,7 +110,7 @@ INERTIAL_DRAG = Mechanism(
     "the drag of the grains that are pushed aside",
     "thesis eq. (15)",
     "alpha v^2",
-    inertial_drag,
+    "alpha * v**2",
     grounds=SAND,
 )
 REINTRUSION_OVERSHOOT = Mechanism(
@@ -160,7 +121,7 @@ REINTRUSION_OVERSHOOT = Mechanism(
     "the extra force on landing in an old hole",
     "thesis chapter III, force model 3",
     "s z_g exp(-(z - z_g)/lam)",
-    reintrusion_overshoot,
+    "s * z_g * exp(-(z - z_g) / lam)",
     grounds=SAND,
 )
 STOP_GO_OVERSHOOT = Mechanism(
@@ -171,7 +132,7 @@ STOP_GO_OVERSHOOT = Mechanism(
     "the extra force after a pause in the sand",
     "thesis chapter III, re-intrusion after a pause; Fig 69",
     "s_p (z_stop + carry z_left) exp(-(z - z_stop)/lam)",
-    stop_go_overshoot,
+    "s_p * (z_stop + carry * z_left) * exp(-(z - z_stop) / lam)",
     grounds=SAND,
     assumed={"carry": 0.0},
 )

@@ -4,41 +4,35 @@ from __future__ import annotations
 
 import functools
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, make_dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from jumpvision.base.schema import closest, param
-from jumpvision.engine.laws.expression import Expression, LawError, check_dimension, dimension, parse
+from jumpvision.engine.laws.dimension import check_dimension, dimension
+from jumpvision.engine.laws.expression import Expression, LawError
+from jumpvision.engine.laws.tree import ARGUMENTS, in_order
 
-from .record import STATE, Body, Mechanism, Parameter, Prior
+from .record import LONG_AGO, STATE, Body, Mechanism, Parameter, Prior
+from .record import bare as bare
+from .record import own_name as own_name
 from .registry import MECHANISMS, PARAMETERS, ModelParameters
 
-
-class Place(NamedTuple):
-    """What a law may act on: the body, the unit of the law, and the symbols that are known there."""
-
-    body: Body
-    unit: str
-    symbols: tuple[str, ...]
-    grounds: tuple[str, ...] = ("hard", "granular")
-
-
-BED = ("R", "phi", "rho")
 PLACES = {
-    "foot": Place(Body.FOOT, "N", ("z", "v", "z_g", "z_stop", "contact_s", "time_s", "u", *BED), ("granular",)),
-    "foot_mass": Place(Body.INERTIA, "kg", ("z", *BED), ("granular",)),
-    "carriage": Place(Body.CARRIAGE, "N", ("v_m", "x_m", "x_r", "time_s", "u")),
-    "spring": Place(Body.SPRING, "N", ("stretch", "stretch_rate", "u")),
-    "film_height": Place(Body.HEIGHT, "m", ("h", "time_s")),
-    "film_time": Place(Body.TIME, "s", ("time_s",)),
+    "foot": Body.FOOT,
+    "foot_mass": Body.INERTIA,
+    "carriage": Body.CARRIAGE,
+    "spring": Body.SPRING,
+    "motor": Body.MOTOR,
+    "film_height": Body.HEIGHT,
+    "film_time": Body.TIME,
 }
-LONG_AGO = 1e6  # s, contact_s before the first contact
-KEYS = ("acts_on", "law", "words", "source", "parameters", "state", "state_unit", "seen")
+"""What a law may act on, as files have it."""
+OF_GROUND = (Body.FOOT, Body.INERTIA)
+KEYS = ("acts_on", "law", "let", "words", "source", "parameters", "state", "state_unit", "seen")
 OF_PARAMETER = ("unit", "start", "range", "sigma", "words")
 
 
@@ -52,49 +46,13 @@ class Given:
         return self.prior
 
 
-@dataclass(frozen=True)
-class Carried:
-    """The force of a mass m(z) that moves with the foot, -m(z) a."""
-
-    mass: Expression
-
-    @property
-    def symbols(self) -> tuple[str, ...]:
-        return (*self.mass.symbols, "a")
-
-    def __call__(self, xp: Any, *, a: Any, **symbols: Any) -> Any:
-        return -self.mass(xp, **symbols) * a
-
-
-@dataclass(frozen=True)
-class Growth:
-    """dm/dz [kg/m] of a mass m(z), by differences over NEAR."""
-
-    mass: Expression
-
-    @property
-    def symbols(self) -> tuple[str, ...]:
-        return (*dict.fromkeys((*self.mass.symbols, "z")),)
-
-    def __call__(self, xp: Any, *, z: Any, **symbols: Any) -> Any:
-        above, below = (self.mass(xp, z=z + d, **symbols) for d in (NEAR, 0.0))
-        return (above - below) / NEAR
-
-
-NEAR = 1e-6  # m
-
-
-def own_name(mechanism: str, parameter: str) -> str:
-    """Name of a parameter beside those of the built-in mechanisms: `creep_q` of q of creep."""
-    return re.sub(r"\W+", "_", f"{mechanism}_{parameter}")
-
-
 def mechanism(
     name: str,
     acts_on: str,
     law: str,
     parameters: Sequence[Parameter],
     *,
+    let: Mapping[str, str] | None = None,
     words: str = "",
     source: str = "yours",
     state: str = "",
@@ -106,52 +64,38 @@ def mechanism(
     A parameter in which the law is absent at 0 comes first, as its strength. Raises LawError with the remedy: unknown
     symbol, wrong dimension, not finite at rest, no strength.
     """
-    place = PLACES[acts_on]
-    called = {p.name: own_name(name, p.name) for p in parameters}
-    names = {s: s for s in place.symbols if s != "u" or state} | called
-    units = {s: state_unit if s == "u" else STATE[s][0] for s in place.symbols} | {
-        called[p.name]: p.unit for p in parameters
-    }
-    written = parse(law, names)
-    check_dimension(written, units, place.unit)
-    rate = None
-    if state:
-        rate = parse(state, names)
-        check_dimension(rate, units, f"{state_unit} s^-1".strip())
-    owned = [replace(p, name=called[p.name]) for p in parameters]
-    _at_rest(written, owned)
-    if rate:
-        _at_rest(rate, owned)
-    strength = next((p for p in owned if _absent(written, owned, p)), None)
-    if strength is None:
-        raise LawError("has no parameter that switches it off: multiply it by one, as in q * (...)")
-    owned.sort(key=lambda p: p is not strength)
-    mass = place.body is Body.INERTIA
-    return Mechanism(
+    body = PLACES[acts_on]
+    m = Mechanism(
         name,
-        place.body,
-        tuple(owned),
+        body,
+        tuple(replace(p, name=own_name(name, p.name)) for p in parameters),
         words or f"{acts_on.replace('_', ' ')}: {law}",
         words or f"the law {law} on the {acts_on.replace('_', ' ')}",
         source,
         equation=law,
-        law=Carried(written) if mass else written,
-        slope=Growth(written) if mass else None,
-        grounds=place.grounds,
-        written=written,
-        rate=rate,
+        law=law,
+        let=let or {},
+        state=state,
+        state_unit=state_unit,
+        own=True,
+        grounds=("granular",) if body in OF_GROUND else ("hard", "granular"),
         seen=seen or {},
     )
+    assert m.expression is not None
+    check_dimension(m.expression.root, m.units, body.unit)
+    _at_rest(m.expression, m.parameters)
+    if m.rate:
+        check_dimension(m.rate.root, m.units, f"{state_unit} s^-1".strip())
+        _at_rest(m.rate, m.parameters)
+    strength = next((p for p in m.parameters if _absent(m.expression, m.parameters, p)), None)
+    if strength is None:
+        raise LawError("has no parameter that switches it off: multiply it by one, as in q * (...)")
+    return replace(m, parameters=tuple(sorted(m.parameters, key=lambda p: p is not strength)))
 
 
 def acts_on(m: Mechanism) -> str:
     """What a mechanism of the user's own acts on, as files have it."""
-    return next(name for name, place in PLACES.items() if place.body is m.acts_on)
-
-
-def bare(m: Mechanism, parameter: str) -> str:
-    """The name that the law itself uses for a parameter."""
-    return parameter.removeprefix(own_name(m.name, ""))
+    return next(name for name, body in PLACES.items() if body is m.acts_on)
 
 
 def _rest(law: Expression) -> dict[str, float]:
@@ -169,10 +113,10 @@ def _at_rest(law: Expression, parameters: Sequence[Parameter]) -> None:
     with np.errstate(all="ignore"):
         if np.isfinite(law(np, **{n: np.float64(v) for n, v in at.items()})):
             return
-        for n in law.root.walk():
+        for n in in_order([law.root]):
             value = Expression("", n)(np, **{k: np.float64(v) for k, v in at.items()})
             if not np.isfinite(value):
-                zero = sorted({m.name for m in n.walk() if m.name in STATE and at.get(m.name) == 0.0})
+                zero = sorted(m for m in n.symbols if m in STATE and at.get(m) == 0.0)
                 raise LawError(
                     f"is not finite at rest, where {' = '.join([*zero, '0']) if zero else 'all is still'} "
                     "(a division by zero, its power or logarithm): add a scale, as in v / (abs(v) + v_0)"
@@ -217,6 +161,9 @@ def _read_one(name: str, table: Any, where: str) -> tuple[Mechanism | None, list
         problems.append(f"{where} acts_on: {said}; give one of {', '.join(PLACES)}")
     texts = {k: table.get(k, "") for k in ("law", "words", "source", "state", "state_unit")}
     problems += [f"{where} {k} = {v!r}: must be text in quotes" for k, v in texts.items() if not isinstance(v, str)]
+    let = table.get("let", {})
+    if not isinstance(let, Mapping) or not all(isinstance(x, str) for x in let.values()):
+        problems.append(f'{where} let = {let!r}: must be a table of texts, as {{ depth = "maximum(z, 0)" }}')
     if texts["law"] == "":
         problems.append(f'{where} law: missing; give it in one line, e.g. law = "-q * v"')
     parameters, more = _parameters(table.get("parameters", {}), f"{where[:-1]}.parameters]")
@@ -230,7 +177,7 @@ def _read_one(name: str, table: Any, where: str) -> tuple[Mechanism | None, list
     if problems:
         return None, problems
     for p in parameters:
-        if p.name in PLACES[place].symbols or p.name in STATE or p.name in ("abs", "sign", "where"):
+        if p.name in STATE or p.name in ARGUMENTS:
             problems.append(f"{where} parameters.{p.name}: is a symbol of every law already; give it another name")
     if problems:
         return None, problems
@@ -240,6 +187,7 @@ def _read_one(name: str, table: Any, where: str) -> tuple[Mechanism | None, list
             place,
             texts["law"],
             parameters,
+            let=let,
             words=texts["words"],
             source=texts["source"] or "yours",
             state=texts["state"],
@@ -282,12 +230,12 @@ def _parameters(table: Any, where: str) -> tuple[list[Parameter], list[str]]:
         if not wrong:
             low, high = map(float, ends)
             out.append(
-                drawn(name, float(start), low, high, unit, sigma=float(sigma), words=str(values.get("words", "")))
+                parameter(name, float(start), low, high, unit, sigma=float(sigma), words=str(values.get("words", "")))
             )
     return out, problems
 
 
-def drawn(
+def parameter(
     name: str,
     start: float,
     low: float,

@@ -1,45 +1,64 @@
 """What is written down of a mechanism, once: everything else in the package derives from its record.
 
-A law is a plain function of its symbols with the array namespace `xp` first; the others are measured quantities
-(STATE) or the mechanism's parameters. It returns a force [N], positive up, of the shape of its arrays, and uses
-arithmetic and `where, exp, tan, minimum, maximum` of `xp` alone, so that the same function serves measured tracks
-(numpy), the compiled integrator and symbols (CasADi). Laws of the ground act on the foot while it intrudes (v < 0,
-z >= 0); the caller says when that is.
+A law is one line of text (`engine.laws.expression`) in the symbols that the body it acts on offers, and in the
+mechanism's parameters. It gives a force [N], positive up, or what its `Body` says. From its one tree come the values on
+measured tracks, the code inside the integrator, the planner's symbols, the page's JavaScript. Laws of the ground act on
+the foot while it intrudes (v < 0, z >= 0); the caller says when that is.
 """
 
 from __future__ import annotations
 
-import inspect
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from functools import cache, cached_property
-from typing import Any, TypeVar
+from functools import cached_property
+from typing import Any
 
-from jumpvision.engine.laws.expression import Expression
+from jumpvision.engine.laws.expression import Expression, parse
 
-STATE: dict[str, tuple[str, str]] = {
-    "z": ("m", "depth of the foot below the undisturbed surface, -x_f"),
-    "v": ("m/s", "velocity of the foot, positive up"),
-    "a": ("m/s^2", "acceleration of the foot, positive up"),
-    "z_g": ("m", "depth of the hole at the last lift-off, 0 before the first"),
-    "z_stop": ("m", "depth of the last pause of the intrusion, 0 before the first"),
-    "z_left": ("m", "overshoot of the pauses before, as it was left at the last one, over s_p; 0 before the second"),
-    "v_m": ("m/s", "velocity of the carriage, v_r + X_m'"),
-    "stretch": ("m", "extension of the spring, x_r - x_f"),
-    "stretch_rate": ("m/s", "rate of extension of the spring, v_r - v_f"),
+_BED = {
     "R": ("m", "radius of the foot"),
-    "contact_s": ("s", "time since the foot last came down on the bed; 1e6 s before the first time"),
-    "x_m": ("m", "position of the carriage on the rail, x_r + X_m, from where it stands at rest"),
-    "x_r": ("m", "position of the rod, 0 where the spring is relaxed over the undisturbed surface"),
-    "time_s": ("s", "time as the recordings have it"),
-    "h": ("m", "height of the rod above its rest"),
-    "u": ("", "internal state, 0 at rest, with the rate that the mechanism states"),
     "phi": ("", "volume fraction of the bed"),
     "rho": ("kg/m^3", "density of a grain"),
 }
+_Z = {"z": ("m", "depth of the foot below the undisturbed surface, -x_f")}
+_V = {"v": ("m/s", "velocity of the foot, positive up")}
+_HOLES = {
+    "z_g": ("m", "depth of the hole at the last lift-off, 0 before the first"),
+    "z_stop": ("m", "depth of the last pause of the intrusion, 0 before the first"),
+    "z_left": ("m", "overshoot of the pauses before, as it was left at the last one, over s_p; 0 before the second"),
+}
+_CONTACT = {"contact_s": ("s", "time since the foot last came down on the bed; 1e6 s before the first time")}
+_TIME = {"time_s": ("s", "time as the recordings have it")}
+_U = {"u": ("", "internal state, 0 at rest, with the rate that the mechanism states")}
+_RAIL = {
+    "v_m": ("m/s", "velocity of the carriage, v_r + X_m'"),
+    "x_m": ("m", "position of the carriage on the rail, x_r + X_m, from where it stands at rest"),
+    "x_r": ("m", "position of the rod, 0 where the spring is relaxed over the undisturbed surface"),
+}
+_SPRING = {
+    "stretch": ("m", "extension of the spring, x_r - x_f"),
+    "stretch_rate": ("m/s", "rate of extension of the spring, v_r - v_f"),
+}
+_MOTOR = {
+    "X": ("m", "position of the motor on the rod, X_m"),
+    "X_c": ("m", "its command"),
+    "V_c": ("m/s", "rate of its command"),
+}
+_HEIGHT = {"h": ("m", "height of the rod above its rest")}
+_FORCE_OF_BED = {"a": ("m/s^2", "acceleration of the foot, positive up")}
+
+Symbols = Mapping[str, tuple[str, str]]
+STATE: Symbols = {
+    **_Z, **_V, **_FORCE_OF_BED, **_HOLES, **_RAIL, **_SPRING, **_CONTACT, **_TIME, **_HEIGHT, **_U, **_BED, **_MOTOR
+}  # fmt: skip
 """Symbol -> (unit, meaning) of what is not a model parameter."""
+BED = tuple(_BED)
+INNER = (*_Z, *_V, *_HOLES, *_CONTACT, *_RAIL, *_SPRING, *_TIME, *_U, *_BED)
+"""What the rate of an internal state may ask for: all that a motion has."""
+LONG_AGO = 1e6  # s, contact_s before the first contact: no memory that matters lasts eleven days
 
 
 class Body(Enum):
@@ -48,33 +67,53 @@ class Body(Enum):
     STATIC = "the static force F_p(z) of the ground, also its yield threshold: exactly one on granular ground"
     OVERSHOOT = "force of the ground that adds to F_p, also to its yield threshold"
     DRAG = "force on the intruding foot in proportion to v^2"
-    FOOT = "any other force on the intruding foot"
-    INERTIA = "mass that moves with the intruding foot: the law is -m(z) a"
+    FOOT = "any other force on the intruding foot; as motion begins, also of the yield threshold"
+    INERTIA = "mass m(z) that moves with the intruding foot: its force is -m(z) a"
     BED = "the bed under an earlier footprint: its first parameter multiplies those named in `scales`"
-    CARRIAGE = "force of the rail on the carriage, continuous in v_m"
+    CARRIAGE = "force of the rail on the carriage; where it jumps at v_m = 0, the rail holds any force between"
     RAIL = "dry friction of the rail: at v_m = 0 any force up to its size at speed"
     SPRING = "force of the spring on the rod"
     ROBOT = "a value of the robot that is other than assumed: its parameter is added to `corrects`"
     LANDING = "the touchdown on hard ground"
-    MOTOR = "how the motor follows its command"
-    HEIGHT = "reported over true height: its parameter is the factor"
-    TIME = "the time that a frame shows: its parameter is added to the stamp"
+    MOTOR = "how the motor follows its command: rate of the motor beside that of the command"
+    HEIGHT = "what is added to the true height in the reported one"
+    TIME = "what is added to a frame's stamp for the time that it shows"
+
+    @property
+    def symbols(self) -> Symbols:
+        """What its laws may ask for beside their parameters: symbol -> (unit, meaning)."""
+        return _OFFERED.get(self, ({}, ""))[0]
+
+    @property
+    def unit(self) -> str:
+        """Of its laws."""
+        return _OFFERED.get(self, ({}, ""))[1]
 
 
-F = TypeVar("F", bound=Callable[..., Any])
-COMPILED: list[Callable[..., Any]] = []
-"""Functions that compiled code calls (`physics.sand.kernel`)."""
-
-
-def law(function: F) -> F:
-    """A law, or a function that laws call: as it is, and known to compiled code."""
-    COMPILED.append(function)
-    return function
+_GROUND = {**_Z, **_HOLES, **_BED}
+_ON_RAIL = {**_RAIL, **_TIME, **_U}
+_OFFERED: dict[Body, tuple[Symbols, str]] = {
+    Body.STATIC: ({**_Z, **_BED}, "N"),
+    Body.OVERSHOOT: (_GROUND, "N"),
+    Body.DRAG: ({**_Z, **_V, **_BED}, "N"),
+    Body.FOOT: ({**_GROUND, **_V, **_CONTACT, **_TIME, **_U}, "N"),
+    Body.INERTIA: ({**_Z, **_BED}, "kg"),
+    Body.CARRIAGE: (_ON_RAIL, "N"),
+    Body.RAIL: (_ON_RAIL, "N"),
+    Body.SPRING: ({**_SPRING, **_U}, "N"),
+    Body.MOTOR: ({**_MOTOR, **_TIME}, "m/s"),
+    Body.HEIGHT: ({**_HEIGHT, **_TIME}, "m"),
+    Body.TIME: (_TIME, "s"),
+}
+FORCES = (
+    Body.STATIC, Body.OVERSHOOT, Body.DRAG, Body.FOOT, Body.INERTIA, Body.CARRIAGE, Body.RAIL, Body.SPRING
+)  # fmt: skip
+"""The bodies whose laws give forces of the equations of motion."""
 
 
 @dataclass(frozen=True)
 class Prior:
-    """How a diagnosis tries a parameter: `diagnosis.system.Parameter`.
+    """How a diagnosis tries a parameter: `engine.system.Parameter`.
 
     grid: values of a shape parameter at which its mechanism is tried first; (): `start`.
     """
@@ -113,14 +152,14 @@ class Mechanism:
     """A cause by its name in model files and diagnoses.
 
     parameters: of a mechanism with a law the first is its strength, 0 where it is absent (not of a STATIC one).
-    written: of a mechanism of the user's own, its law as text (`own`): of HEIGHT and TIME what is added [m], [s], of
-    INERTIA the mass [kg]; rate: of its internal state u [1/s]. seen: range of the law's symbols that data covered.
+    law: its text, in the symbols of `acts_on` and the parameters; let: names of parts of it -> their texts; state: rate
+    of its internal state u, which has the unit state_unit. own: it is the user's own (`own`): its parameters are named
+    with its own name before the one that the law uses. seen: range of the law's symbols that data covered.
     meaning: what it adds; lacks: the same in plain words, after "because the model lacks ..."; equation: how its term
-    reads in a printed model; source: where it comes from. slope: of an INERTIA dm/dz [kg/m], of a SPRING -dF/dstretch
-    [N/m]; bend: depth [m] of its kink, on which the solver ends a step; energy: what a SPRING has stored [J] (None: its
-    work is lost). goes_with: mechanisms of one cause with it. assumed: parameters that jumps cannot tell, with their
-    value where the model gives none. possible: whether a diagnosis may ask for it, of the model and whether the command
-    drives it.
+    reads in a printed model; source: where it comes from. goes_with: mechanisms of one cause with it. assumed:
+    parameters that jumps cannot tell, with their value where the model gives none. possible: whether a diagnosis may
+    ask for it, of the model and whether the command drives it.
+    Raises LawError for a law in symbols that the body does not offer, naming those that it does.
     """
 
     name: str
@@ -130,34 +169,72 @@ class Mechanism:
     lacks: str
     source: str
     equation: str = ""
-    law: Callable[..., Any] | None = None
-    slope: Callable[..., Any] | None = None
-    bend: Callable[..., Any] | None = None
-    energy: Callable[..., Any] | None = None
+    law: str = ""
+    let: Mapping[str, str] = field(default_factory=dict)
+    state: str = ""
+    state_unit: str = ""
+    own: bool = False
     grounds: tuple[str, ...] = ("hard", "granular")
     corrects: str = ""
     scales: tuple[str, ...] = ()
     goes_with: tuple[str, ...] = ()
     assumed: Mapping[str, float] = field(default_factory=dict)
     possible: Callable[[Any, bool], bool] = field(default=lambda model, command_drives: True, repr=False, compare=False)
-    written: Expression | None = None
-    rate: Expression | None = None
     seen: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        _ = self.expression, self.rate  # read, or refused
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Its parameters by name."""
         return tuple(p.name for p in self.parameters)
 
+    @cached_property
+    def expression(self) -> Expression | None:
+        """Its law."""
+        return self._parsed(self.law, tuple(self.acts_on.symbols)) if self.law else None
+
+    @cached_property
+    def rate(self) -> Expression | None:
+        """Of its internal state u."""
+        return self._parsed(self.state, INNER) if self.state else None
+
+    def _parsed(self, text: str, offered: tuple[str, ...]) -> Expression:
+        names = {s: s for s in offered if s != "u" or self.state}
+        return parse(text, names | {bare(self, n): n for n in self.names}, self.let)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Of all that its law and its state may be written in."""
+        return (
+            {n: unit for n, (unit, _) in STATE.items()}
+            | {"u": self.state_unit}
+            | {p.name: p.unit for p in self.parameters}
+        )
+
     @property
     def symbols(self) -> tuple[str, ...]:
-        """Names that its law is written in, less the array namespace; () without a law."""
-        return symbols(self.law) if self.law else ()
+        """Names that its law is written in; () without a law."""
+        return self.expression.symbols if self.expression else ()
+
+    @property
+    def asked(self) -> frozenset[str]:
+        """Names that its law and the rate of its state are written in."""
+        return frozenset((*self.symbols, *(self.rate.symbols if self.rate else ())))
+
+    @cached_property
+    def key(self) -> tuple[Any, ...]:
+        """What its compiled law follows from."""
+        trees = (x.root if x else None for x in (self.expression, self.rate))
+        return (self.name, self.acts_on, self.names, self.scales, *trees)
 
 
-@cache
-def symbols(function: Callable[..., Any]) -> tuple[str, ...]:
-    """Names that a law is written in, less the array namespace."""
-    if own := getattr(function, "symbols", None):
-        return tuple(own)
-    return tuple(inspect.signature(function).parameters)[1:]
+def own_name(mechanism: str, parameter: str) -> str:
+    """Name of a parameter beside those of the built-in mechanisms: `creep_q` of q of creep."""
+    return re.sub(r"\W+", "_", f"{mechanism}_{parameter}")
+
+
+def bare(m: Mechanism, parameter: str) -> str:
+    """The name that the law of a mechanism itself uses for a parameter."""
+    return parameter.removeprefix(own_name(m.name, "")) if m.own else parameter

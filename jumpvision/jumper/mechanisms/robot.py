@@ -5,42 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from .record import Body, Mechanism, Parameter, Prior, law
-
-
-@law
-def viscous_friction(xp: Any, v_m: Any, c_v: float) -> Any:
-    """-c_v v_m, on the carriage."""
-    return -c_v * v_m
-
-
-@law
-def coulomb_friction(xp: Any, v_m: Any, F_c: float) -> Any:
-    """-F_c sign(v_m), on the carriage; at v_m = 0 the rail holds any force up to F_c (0 is returned)."""
-    return F_c * (xp.where(v_m < 0.0, 1.0, 0.0) - xp.where(v_m > 0.0, 1.0, 0.0))
-
-
-@law
-def spring_hardening(xp: Any, stretch: Any, k_3: float) -> Any:
-    """-k_3 stretch^3, on the rod."""
-    return -k_3 * stretch * stretch * stretch
-
-
-@law
-def hardening_slope(xp: Any, stretch: Any, k_3: float) -> Any:
-    """3 k_3 stretch^2 [N/m], what the hardening adds to the stiffness."""
-    return 3.0 * k_3 * stretch * stretch
-
-
-def hardening_energy(xp: Any, stretch: Any, k_3: float) -> Any:
-    """k_3 stretch^4 / 4 [J]."""
-    return 0.25 * k_3 * stretch**4
-
-
-@law
-def spring(stretch: Any, stretch_rate: Any, k_s: float, c_s: float) -> Any:
-    """-k_s stretch - c_s stretch', on the rod (always there: not a named mechanism)."""
-    return -k_s * stretch - c_s * stretch_rate
+from .record import Body, Mechanism, Parameter, Prior
 
 
 def _impedance(m: Any) -> float:
@@ -99,7 +64,7 @@ VISCOUS_FRICTION = Mechanism(
     "viscous friction on the rail",
     "docs/physics.md section 1",
     "c_v v_m",
-    viscous_friction,
+    "-c_v * v_m",
 )
 COULOMB_FRICTION = Mechanism(
     "coulomb_friction",
@@ -109,7 +74,7 @@ COULOMB_FRICTION = Mechanism(
     "dry friction on the rail",
     "docs/physics.md section 1",
     "F_c sign(v_m)",
-    coulomb_friction,
+    "-F_c * sign(v_m)",
 )
 SPRING_HARDENING = Mechanism(
     "spring_hardening",
@@ -119,9 +84,7 @@ SPRING_HARDENING = Mechanism(
     "the stiffening of the spring",
     "docs/physics.md section 6",
     "k_3 stretch^3",
-    spring_hardening,
-    slope=hardening_slope,
-    energy=hardening_energy,
+    "-k_3 * stretch**3",
 )
 SPRING_DAMPING = Mechanism(
     "spring_damping",
@@ -175,6 +138,7 @@ MOTOR_LAG = Mechanism(
     "motor follows its command with a lag, tau X' + X = command",
     "the lag of the motor",
     "docs/physics.md section 6",
+    law="(X_c - X) / tau - V_c",
     possible=lambda m, command_drives: command_drives,
 )
 CAMERA_SCALE = Mechanism(
@@ -184,6 +148,7 @@ CAMERA_SCALE = Mechanism(
     "reported height is not the true height",
     "the right scale of the camera",
     "docs/physics.md section 6",
+    law="(scale - 1) * h",
 )
 TIME_OFFSET = Mechanism(
     "time_offset",
@@ -192,4 +157,5 @@ TIME_OFFSET = Mechanism(
     "a frame stamped t shows t + dt",
     "the right clock of the camera",
     "docs/physics.md section 6",
+    law="dt",
 )

@@ -74,6 +74,7 @@ def jump_batch(
     constants = pack(_with_arrays(model, flat), each.shape[0])
     if loop is not None:
         constants["low"], constants["high"] = -np.inf, np.inf
+        constants["led"] |= np.broadcast_to(np.asarray(loop["kp"]) > 0.0, shape).ravel()
         for name in LOOP:
             constants[name] = np.broadcast_to(np.asarray(loop[name], float), shape).ravel()
     out = np.empty((each.shape[0], len(compiled.RESULTS)))
@@ -108,7 +109,7 @@ def _with_arrays(model: Model, flat: dict[str, Array]) -> Model:
     bad |= np.less(out.m_f, 0.0) | np.less(out.c_s, 0.0)
     bad |= np.equal(out.m_f, 0.0) & (model.ground == "granular")
     if out.acting(Body.INERTIA):
-        bad |= np.less(out.spare_drag, 0.0)
+        bad |= out.lacks_drag
     if bad.any():
         i = int(np.argmax(bad))
         _build(model, {name: float(x[i]) for name, x in flat.items()}, i)

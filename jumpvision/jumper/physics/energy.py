@@ -7,14 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from jumpvision.base.arrays import Array
-from jumpvision.jumper.mechanisms.record import Body
+from jumpvision.jumper.mechanisms.record import Body, Mechanism
 from jumpvision.jumper.physics.hard.jump import HardMotion
-from jumpvision.jumper.physics.sand.granular import INTRUDE, N_MOTION, VF, WORKS, XF, V, W, X, Y
-from jumpvision.jumper.physics.sand.jump import Motion, follow
-from jumpvision.jumper.physics.sand.program import BODIES
+from jumpvision.jumper.physics.sand.granular import DAMPED, IMPULSE, INTRUDE, LOST, MOTOR_WORK, VF, XF, V, W, X, Y
+from jumpvision.jumper.physics.sand.jump import Motion, follow, laws
+from jumpvision.jumper.physics.sand.laws import elastic
 
 from .forcing import Forcing, Loop, Segments
 from .model import Model
+
+NODES = 20  # of the energy of a spring's law: exact to a power of 39 of its extension
 
 
 def acceleration(law: Forcing, t: Array) -> Array:
@@ -95,30 +97,32 @@ def energy_ledger(
     position, rate = (float(x[0]) for x in forcing([end]))
     if isinstance(forcing, Loop):
         position, rate = s[X], s[V]
-    elif "motor_lag" in model:
-        command, position = position, float(motion.motor[-1] - motion.rod[-1])
-        rate = (command - position) / model.symbol("tau")
+    elif motors := model.acting(Body.MOTOR):
+        command, position = {"X_c": position, "V_c": rate}, float(motion.motor[-1] - motion.rod[-1])
+        rate += sum(float(model.force(m, X=position, time_s=end, **command)) for m in motors)
     foot = model.m_f
     if motion.mode[-1] == INTRUDE:
         foot += sum(float(model.force(m, z=-s[XF], a=-1.0)) for m in model.acting(Body.INERTIA))
-    elastic = [m for m in model.acting(Body.SPRING) if m.energy]  # of a law of one's own the work is counted as lost
+    elastic_laws = [m for m in model.acting(Body.SPRING) if elastic(m)]
 
     def spring(stretch: float) -> float:
-        return sum((model.force(m, "energy", stretch=stretch) for m in elastic), 0.5 * model.k_s * stretch**2)
+        return 0.5 * model.k_s * stretch**2 + sum(stored(model, m, stretch) for m in elastic_laws)
 
     loose = model.m_f == 0.0 and motion.mode[-1] == 0  # a foot without mass hangs on the relaxed spring
     stretch = 0.0 if loose else s[Y] - ratio * position - s[XF]
-    work = dict(zip(WORKS, map(float, s[N_MOTION:])))
-    named = dict(zip(["static"], [m.name for m in model.acting(Body.STATIC)]))
-    for field, body in BODIES.items():
-        if own := [m.name for m in model.acting(body) if m.written]:
-            named[field] = " + ".join(own)
-    acting = {*model.terms, "spring_damping", "landing", *named}
+    losses = dict(zip(laws(model).lost, map(float, s[LOST:])))
     return Ledger(
-        motor=work.pop("motor"),
-        impulse=work.pop("impulse"),
+        motor=float(s[MOTOR_WORK]),
+        impulse=float(s[IMPULSE]),
         kinetic=float(0.5 * model.M * s[W] ** 2 + 0.5 * ratio * model.rod_mass * rate**2 + 0.5 * foot * s[VF] ** 2),
         potential=float(model.g * (model.M * (s[Y] - rest[Y]) + model.m_f * (s[XF] - rest[XF]))),
         spring=float(spring(stretch) - spring(motion.rest - rest[XF])),
-        losses={named.get(n, n): x for n, x in work.items() if n in acting},
+        losses={"spring_damping": float(s[DAMPED]), **losses, "landing": float(s[-1])},
     )
+
+
+def stored(model: Model, m: Mechanism, stretch: float) -> float:
+    """What a law of the spring that depends on its extension alone [m] has stored [J], by Gauss's rule."""
+    at, weight = np.polynomial.legendre.leggauss(NODES)
+    force = model.force(m, stretch=0.5 * stretch * (at + 1.0))
+    return float(-0.5 * stretch * np.sum(weight * force))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import math
 from collections.abc import Iterable
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
@@ -15,15 +14,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import REQUIRED, InputError, check_value, closest, param, type_of
+from jumpvision.engine.laws import python
+from jumpvision.engine.laws.derivative import derivative
 from jumpvision.engine.laws.expression import Expression
-from jumpvision.jumper.mechanisms.record import STATE, Body, Mechanism
-from jumpvision.jumper.mechanisms.record import symbols as names_of
+from jumpvision.engine.laws.tree import Node
+from jumpvision.jumper.mechanisms.record import FORCES, STATE, Body, Mechanism
 from jumpvision.jumper.mechanisms.registry import MECHANISMS, STATIC, ModelParameters, acting
 
 GROUNDS = ("hard", "granular")
 
 OF_BED = {"R": "foot_radius", "phi": "volume_fraction", "rho": "grain_density"}
 """Symbol of a law -> field of a Model."""
+SURFACE = 1e-6  # m: a power of depth below 1 has no slope at 0
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ class Model:
                 yield f"model terms: '{t}' does not act on {self.ground} ground; remove it"
         for t in sorted({t for t in known if self.terms.count(t) > 1}):
             yield f"model terms: '{t}' is listed twice; list it once"
-        static = [t for t in known if t in STATIC]
+        static = [t for t in known if every[t].acts_on is Body.STATIC]
         if self.ground == "granular" and len(set(static)) != 1:
             found = ", ".join(static) or "none"
             yield f"model terms: granular ground needs exactly one static force of {', '.join(STATIC)}; found {found}"
@@ -87,7 +89,7 @@ class Model:
         if wrong := list(_range_problems(self.parameters, "model", [n for n in given if n in needed])):
             yield from wrong
             return
-        symbols = {n for t in known for n in every[t].symbols}
+        symbols = {n for t in known for n in every[t].asked}
         if len(self.rates) > 1:
             yield "model terms: two mechanisms have an internal state; one at a time is followed: remove one"
         lacking = [own for n, own in OF_BED.items() if n in symbols and getattr(self, own) is None]
@@ -102,7 +104,7 @@ class Model:
             yield f"model foot_mass: {self.m_f:g} kg; must be {least}: give the foot's mass"
         if self.c_s < 0:
             yield f"model spring_damping: {self.c_s:g} N s/m after correction; must be >= 0"
-        if self.acting(Body.INERTIA) and self.spare_drag < 0:
+        if self.acting(Body.INERTIA) and self.lacks_drag:
             yield (
                 f"model alpha, b: alpha + (b - 1/2) dm_a/dz = {self.spare_drag:g} kg/m < 0 at the surface would "
                 "create energy; give 'depth_drag' with b >= 0.5, or 'inertial_drag' with a larger alpha"
@@ -141,16 +143,11 @@ class Model:
 
     def shown(self, t: Array) -> Array:
         """When the frames stamped t (n,) [s] were really taken [s]."""
-        out = t + sum((self.symbol(m.names[0]) for m in self.acting(Body.TIME) if not m.written), 0.0)
-        for m in self.acting(Body.TIME):
-            out = out + self.force(m, time_s=t) if m.written else out
-        return out
+        return sum((self.force(m, time_s=t) for m in self.acting(Body.TIME)), t)
 
     def filmed(self, height: Array, t: Array) -> Array:
         """Heights above rest (n,) [m] as a camera reports them in the frames stamped t (n,) [s]."""
-        factor = math.prod((self.symbol(m.names[0]) for m in self.acting(Body.HEIGHT) if not m.written), start=1.0)
-        added = [self.force(m, h=height, time_s=t) for m in self.acting(Body.HEIGHT) if m.written]
-        return sum(added, height * factor)
+        return sum((self.force(m, h=height, time_s=t) for m in self.acting(Body.HEIGHT)), height)
 
     @property
     def rates(self) -> list[Expression]:
@@ -160,14 +157,14 @@ class Model:
     @property
     def beds(self) -> set[str]:
         """What of BED the laws of its terms ask for."""
-        acting = [self.mechanism(t) for t in self.terms]
-        asked = {n for m in acting for n in (*m.symbols, *(m.rate.symbols if m.rate else ()))}
+        asked = {n for t in self.terms for n in self.mechanism(t).asked}
         return {n for symbol, n in OF_BED.items() if symbol in asked and n in BED}
 
     @property
     def hold(self) -> float:
-        """Dry friction of the rail [N], what it can hold the carriage by."""
-        return sum((abs(self.force(m, v_m=1.0)) for m in self.acting(Body.RAIL)), 0.0)
+        """Dry friction of the rail [N], what it can hold the carriage by where it stands at rest."""
+        at_rest = {"v_m": 1.0, "x_m": 0.0, "x_r": 0.0, "time_s": 0.0, "u": 0.0}
+        return sum((abs(self.force(m, **at_rest)) for m in self.acting(Body.RAIL)), 0.0)
 
     @property
     def exact(self) -> bool:
@@ -179,8 +176,18 @@ class Model:
     @property
     def spare_drag(self) -> float:
         """alpha + (b - 1/2) dm_a/dz at the surface [kg/m]: linear in dm_a/dz, which falls to 0 with depth."""
-        drag = sum(self.force(m, z=0.0, v=1.0) for m in self.acting(Body.DRAG))
-        return drag - 0.5 * sum(self.force(m, "slope", z=0.0) for m in self.acting(Body.INERTIA))
+        drag = sum((self.force(m, z=SURFACE, v=1.0) for m in self.acting(Body.DRAG)), 0.0)
+        return drag - 0.5 * sum((self._slope_of_mass(m) for m in self.acting(Body.INERTIA)), 0.0)
+
+    @property
+    def lacks_drag(self) -> Any:
+        """Whether a mass that grows with depth would create energy, beyond rounding."""
+        grown = sum((abs(self._slope_of_mass(m)) for m in self.acting(Body.INERTIA)), 0.0)
+        return self.spare_drag < -1e-12 * grown
+
+    def _slope_of_mass(self, m: Mechanism) -> Any:
+        assert m.expression is not None
+        return self.value(derivative(m.expression.root, "z"), z=SURFACE)
 
     def acting(self, *bodies: Body) -> tuple[Mechanism, ...]:
         """Its mechanisms that act on these, in the order of its terms."""
@@ -200,28 +207,32 @@ class Model:
         """Value of a parameter or of R, phi, rho by its symbol in a force law."""
         return getattr(self, OF_BED[name]) if name in OF_BED else getattr(self.parameters, name)
 
-    def force(self, mechanism: Mechanism, part: str = "law", xp: Any = np, **symbols: Any) -> Any:
-        """The law (or `slope`, `energy`) of a mechanism [N], positive up; symbols win over the model's own values.
+    def value(self, law: Node, xp: Any = np, **symbols: Any) -> Any:
+        """Of a law's tree; symbols win over the model's own values. AttributeError names a symbol that lacks."""
+        return python.value(law, xp, {n: symbols[n] if n in symbols else self.symbol(n) for n in law.symbols})
 
-        AttributeError names a symbol that lacks.
+    def force(self, mechanism: Mechanism, xp: Any = np, **symbols: Any) -> Any:
+        """The law of a mechanism in the unit of its body; of an inertia its force -m(z) a [N], positive up.
+
+        symbols win over the model's own values. AttributeError names a symbol that lacks.
         """
-        function = getattr(mechanism, part)
-        return function(xp, **{n: symbols[n] if n in symbols else self.symbol(n) for n in names_of(function)})
+        assert mechanism.expression is not None
+        out = self.value(mechanism.expression.root, xp, **symbols)
+        return -out * symbols["a"] if mechanism.acts_on is Body.INERTIA else out
 
     def forces(self, **state: ArrayLike) -> dict[str, NDArray[np.float64]]:
         """{mechanism: force [N], positive up} of every force law of the model on a measured track.
 
-        state: the symbols of `record.STATE` that the laws ask for (z, v, a, z_g, z_stop, v_m, stretch), arrays (n,) or
-        numbers. Laws of the ground hold while the foot intrudes: mask the rest. ValueError names a symbol that lacks.
+        state: the symbols of `record.STATE` that the laws ask for (and a, of an inertia), arrays (n,) or numbers. Laws
+        of the ground hold while the foot intrudes: mask the rest. ValueError names a symbol that lacks.
         """
         arrays: dict[str, Any] = {n: np.asarray(x, float) for n, x in state.items()}
         out = {}
-        for m in self.acting(*Body):
-            for n in m.symbols:
-                if n in STATE and n not in OF_BED and n not in arrays and m.law:
+        for m in self.acting(*FORCES):
+            for n in (*m.symbols, *(("a",) if m.acts_on is Body.INERTIA else ())):
+                if n in STATE and n not in OF_BED and n not in arrays:
                     raise ValueError(f"forces: '{m.name}' needs {n}; give {n} = array")
-            if m.law:
-                out[m.name] = np.asarray(self.force(m, **arrays))
+            out[m.name] = np.asarray(self.force(m, **arrays))
         return out
 
     def __str__(self) -> str:

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
-from jumpvision.jumper.mechanisms.own import LONG_AGO
-from jumpvision.jumper.mechanisms.record import Body, Mechanism
+from jumpvision.jumper.mechanisms.record import LONG_AGO, Body, Mechanism
 
 from .model import Model
 
@@ -105,17 +104,17 @@ def _by_loops(model: Model, law: Mechanism, seen: Mapping[str, Range]) -> bool:
 
 def _with_state(model: Model, law: Mechanism, motion: Mapping[str, Array], t: Array) -> Array:
     """The law's force along a motion, its internal state integrated by Heun's method."""
-    rate, written = law.rate, law.written
-    assert rate is not None and written is not None
-    given = {n: model.symbol(n) for n in {*rate.symbols, *written.symbols} if n not in (*motion, "u")}
+    rate, form = law.rate, law.expression
+    assert rate is not None and form is not None
+    given = {n: model.symbol(n) for n in law.asked if n not in (*motion, "u")}
     u, h = np.zeros(t.size), t[1] - t[0]
 
     def slope(k: int, u: float) -> float:
         at = {**given, **{n: x[k] for n, x in motion.items()}, "u": u}
-        return float(rate(np, **{n: at[n] for n in rate.symbols}))
+        return float(rate(np, **at))
 
     for k in range(t.size - 1):
         first = slope(k, float(u[k]))
         u[k + 1] = u[k] + 0.5 * h * (first + slope(k + 1, float(u[k] + h * first)))
     own = {**motion, "u": u, **given}
-    return np.asarray(written(np, **{n: own[n] for n in written.symbols}), float)
+    return np.asarray(form(np, **own), float)

@@ -13,12 +13,12 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 from jumpvision.base.schema import InputError
-from jumpvision.jumper.mechanisms.ground import stop_go_overshoot
-from jumpvision.jumper.mechanisms.record import Body
-from jumpvision.jumper.mechanisms.robot import spring
+from jumpvision.engine.laws.derivative import derivative
+from jumpvision.engine.laws.tree import Node, smooth
+from jumpvision.jumper.mechanisms.record import FORCES, Body, Mechanism
 from jumpvision.jumper.physics.model import Model
 from jumpvision.jumper.physics.sand.jump import equilibrium
-from jumpvision.jumper.physics.sand.program import REST
+from jumpvision.jumper.physics.sand.laws import REST, left_over, motor_of
 
 STUCK, INTRUDE, AIR = "stuck", "intrude", "air"
 SLIP = 0.01  # m/s, over which the rail's Coulomb friction changes its sign
@@ -82,11 +82,16 @@ class Dynamics(NamedTuple):
 
 @dataclass(frozen=True)
 class Jumper:
-    """A model with its motor. xp: array namespace of the laws."""
+    """A model with its motor. xp: namespace of the laws' values, numpy or `engine.laws.symbolic.NAMESPACE`.
+
+    Its laws have signs smooth over SLIP, and sizes over round_off [m, m/s] where it is given: a solver asks for
+    derivatives.
+    """
 
     model: Model
     drive: Drive
     xp: Any
+    round_off: float = 0.0
 
     @property
     def massless(self) -> bool:
@@ -94,7 +99,7 @@ class Jumper:
 
     def states(self, mode: str) -> tuple[str, ...]:
         """Names of the states in a mode."""
-        motor = ("X", "V") if self.drive.kp > 0 else ("X",) if "motor_lag" in self.model else ()
+        motor = ("X", "V") if self.drive.kp > 0 else ("X",) if self.lags else ()
         foot = ("x_f", "v_f") if mode == INTRUDE or (mode == AIR and not self.massless) else ()
         return ("y", "w", *motor, *foot)
 
@@ -102,14 +107,23 @@ class Jumper:
         """X_m - command [m] of the loop in free flight, where its feed-forward m_m g carries nothing."""
         return self.model.m_m * self.model.g / self.drive.kp if self.drive.kp > 0 else 0.0
 
+    @property
+    def lags(self) -> bool:
+        """Whether a law says how the motor follows its command."""
+        return bool(self.model.acting(Body.MOTOR))
+
+    def tree(self, m: Mechanism) -> Node:
+        """The law of a mechanism with derivatives."""
+        assert m.expression is not None
+        return smooth(m.expression.root, self.round_off, SLIP)
+
     def sum_of(self, *bodies: Body, **symbols: Any) -> Any:
-        """Force [N] of all that acts on these bodies; symbols win over the model's parameters."""
-        return sum((self.model.force(m, xp=self.xp, **symbols) for m in self.model.acting(*bodies)), 0.0)
+        """Of the laws on these bodies, in their unit; symbols win over the model's parameters."""
+        return sum((self.model.value(self.tree(m), self.xp, **symbols) for m in self.model.acting(*bodies)), 0.0)
 
     def __post_init__(self) -> None:
-        for m in self.model.acting(*Body):
-            unknown = sorted({"contact_s", "time_s", "u"} & {*m.symbols}) if m.written else []
-            if unknown and m.acts_on not in (Body.HEIGHT, Body.TIME):
+        for m in self.model.acting(*FORCES, Body.MOTOR):
+            if unknown := sorted({"contact_s", "time_s", "u"} & m.asked):
                 raise InputError(
                     [
                         f"plan: the law of '{m.name}' depends on {', '.join(unknown)}, which a plan does not follow; "
@@ -123,14 +137,17 @@ class Jumper:
         return equilibrium(self.model)[0]
 
     def rail(self, v_m: Any, x_r: Any, X: Any) -> Any:
-        """Friction of the rail on the carriage [N]; dry friction as hold v_m / sqrt(v_m^2 + SLIP^2).
+        """Force of the rail on the carriage [N]; where it jumps at rest, smooth over SLIP for its set-valued law.
 
-        That stands in for its set-valued law, which the re-simulation has.
+        The re-simulation has that.
         """
-        force = self.sum_of(Body.CARRIAGE, v_m=v_m, x_r=x_r, x_m=x_r + X - self.rest)
-        if hold := self.model.hold:
-            force -= hold * v_m / (v_m * v_m + SLIP * SLIP) ** 0.5
-        return force
+        return self.sum_of(Body.CARRIAGE, Body.RAIL, v_m=v_m, x_r=x_r, x_m=x_r + X - self.rest)
+
+    @cached_property
+    def damping(self) -> float:
+        """Of the laws of the rail in proportion to the carriage's speed [N s/m]."""
+        slopes = [derivative(self.tree(m), "v_m") for m in self.model.acting(Body.CARRIAGE)]
+        return -sum(self.model.value(x) for x in slopes if not x.symbols & {*Body.CARRIAGE.symbols})
 
     def static_force(self, z: Any, memory: Memory) -> Any:
         """F_p(z) [N] with its overshoots, also the yield threshold."""
@@ -144,23 +161,18 @@ class Jumper:
 
     def left(self, z: Any, memory: Memory) -> Any:
         """`z_left` of a pause at z [m]."""
-        carry = self.model.parameters.carry if "stop_go_overshoot" in self.model else 0.0
-        if not carry:
-            return 0.0
-        return stop_go_overshoot(self.xp, z, memory.pause, memory.left, 1.0, self.model.parameters.lam, carry)
+        law = left_over([self.model.mechanism(t) for t in self.model.terms])
+        given = {"z": z, "z_stop": memory.pause, "z_left": memory.left}
+        return self.model.value(law, self.xp, **given) if law else 0.0
 
     def yield_force(self, memory: Memory) -> Any:
         """What the ground carries at the floor before the foot moves [N]: own laws too, as motion begins."""
-        force = self.static_force(memory.floor, memory)
-        for law in self.model.acting(Body.FOOT):
-            if law.written:
-                given = {"v": -REST, "z_g": memory.hole, "z_stop": memory.pause}
-                force += self.model.force(law, xp=self.xp, z=memory.floor, **given)
-        return force
+        given = {"z": memory.floor, "v": -REST, "z_g": memory.hole, "z_stop": memory.pause, "z_left": memory.left}
+        return self.static_force(memory.floor, memory) + self.sum_of(Body.FOOT, **given)
 
     def foot_inertia(self, z: Any) -> Any:
         """m_f + m_a(z) [kg]."""
-        return self.model.m_f - self.sum_of(Body.INERTIA, z=z, a=1.0)
+        return self.model.m_f + self.sum_of(Body.INERTIA, z=z)
 
     def equations(self, mode: str, s: State, command: tuple[Any, Any, Any], memory: Memory) -> Dynamics:
         """Rates of the states, positions, motor force and push; command: X_c [m], X_c' [m/s], X_c'' [m/s^2]."""
@@ -168,8 +180,8 @@ class Jumper:
         x_c, v_c, a_c = command
         if d.kp > 0:
             X, V = s.X, s.V
-        elif "motor_lag" in m:
-            X, V = s.X, (x_c - s.X) / m.parameters.tau
+        elif self.lags:
+            X, V = s.X, v_c + self.sum_of(Body.MOTOR, X=s.X, X_c=x_c, V_c=v_c)
         else:
             X, V = x_c, v_c
         ratio = m.m_m / m.M
@@ -182,7 +194,8 @@ class Jumper:
         force = (
             0.0
             if free
-            else spring(stretch, v_r - v_f, m.k_s, m.c_s)
+            else -m.k_s * stretch
+            - m.c_s * (v_r - v_f)
             + self.sum_of(Body.SPRING, stretch=stretch, stretch_rate=v_r - v_f)
         )
         rail = self.rail(v_m, x_r, X)
@@ -191,7 +204,7 @@ class Jumper:
             effort = d.kp * (x_c - X) + d.kd * (v_c - V) + m.m_m * m.g
             a = effort * m.M / (m.m_m * m.rod_mass) + rail / m.m_m - force / m.rod_mass
         else:
-            a = (v_c - V) / m.parameters.tau if "motor_lag" in m else a_c
+            a = self._acceleration(s.X, command) if self.lags else a_c
             effort = m.m_m * (w_rate + m.rod_mass / m.M * a + m.g) - rail
         rates = State(y=s.w, w=w_rate, X=V, V=a, x_f=v_f, v_f=0.0)
         push = force + m.m_f * m.g
@@ -200,10 +213,9 @@ class Jumper:
         elif mode == INTRUDE:
             z = -x_f
             resist = self.static_force(z, memory)
-            for law in m.acting(Body.DRAG, Body.FOOT):
-                # a solver's iterates leave the ground, where a law in text such as exp(-z / l) overflows
-                depth = self.xp.maximum(z, 0.0) if law.written else z
-                resist += m.force(law, xp=self.xp, z=depth, v=v_f, z_g=memory.hole, z_stop=memory.pause)
+            # a solver's iterates leave the ground, where a law such as exp(-z / l) overflows
+            given = {"z_g": memory.hole, "z_stop": memory.pause, "z_left": memory.left}
+            resist += self.sum_of(Body.DRAG, Body.FOOT, z=self.xp.maximum(z, 0.0), v=v_f, **given)
             rates = rates._replace(v_f=(resist - push) / self.foot_inertia(z))
         return Dynamics(
             rates=rates.of(self.states(mode)),
@@ -216,3 +228,9 @@ class Jumper:
             force=effort,
             push=push,
         )
+
+    def _acceleration(self, X: Any, command: tuple[Any, Any, Any]) -> Any:
+        """X_m'' of a motor that follows its command by laws."""
+        routine = motor_of([self.model.mechanism(t) for t in self.model.terms])
+        given = dict(zip(("X_c", "V_c", "A_c"), command))
+        return self.model.value(routine[1], self.xp, X=X, **given)

@@ -13,13 +13,14 @@ import numpy as np
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError, closest
+from jumpvision.engine.laws.symbolic import NAMESPACE
 from jumpvision.jumper.physics.forcing import Forcing, Loop, Spline
 from jumpvision.jumper.physics.model import Model
 from jumpvision.jumper.physics.sand.jump import Motion, beyond_seen, equilibrium, simulate
 
 from .jumper import AIR, INTRUDE, STUCK, Drive, Jumper
 from .solve import Solution, Solver, falling, guessed, starts
-from .transcription import OBJECTIVES, SYMBOLS, Guess, Limits, Programme
+from .transcription import OBJECTIVES, TINY, Guess, Limits, Programme
 
 MOTIONS: dict[str, dict[str, tuple[str, ...]]] = {
     "single": {"hard": (STUCK, AIR), "granular": (STUCK, INTRUDE, STUCK, AIR)},
@@ -93,7 +94,7 @@ class Planner:
                     "follows its command); set kp = 0 or remove the term"
                 ]
             )
-        self.jumper = Jumper(self.model, self.drive, SYMBOLS)
+        self.jumper = Jumper(self.model, self.drive, NAMESPACE, TINY)
         self.sequence = MOTIONS[self.motion][self.model.ground]
 
     def solver(self, objective: str) -> Solver:

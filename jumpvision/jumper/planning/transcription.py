@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
@@ -19,23 +18,9 @@ import numpy as np
 
 from jumpvision.base.arrays import Array
 
-from .jumper import AIR, INTRUDE, SLIP, STUCK, Dynamics, Jumper, Memory, State
+from .jumper import AIR, INTRUDE, STUCK, Dynamics, Jumper, Memory, State
 
 TINY = 1e-4  # m, m/s: below it the size of a quantity is rounded off, for roots of it have no derivative at 0
-# the array namespace that the force laws ask for, over CasADi's symbols; sign and size smooth, for their derivatives
-SYMBOLS = SimpleNamespace(
-    exp=ca.exp,
-    tan=ca.tan,
-    maximum=ca.fmax,
-    minimum=ca.fmin,
-    where=ca.if_else,
-    abs=lambda x: ca.sqrt(x * x + TINY * TINY),
-    sign=lambda x: x / ca.sqrt(x * x + SLIP * SLIP),
-    sqrt=ca.sqrt,
-    log=ca.log,
-    sin=ca.sin,
-    cos=ca.cos,
-)
 
 OBJECTIVES = ("effort", "height", "power", "energy")
 SCALE = {
@@ -290,7 +275,7 @@ class Programme:
         """The command ends where it began, at rest, and the motor on it."""
         self.row(self.command[0], 0.0, 0.0, SCALE["x_c"])
         self.row(self.command[1], 0.0, 0.0, SCALE["v_c"])
-        if self.jumper.drive.kp > 0 or "motor_lag" in self.jumper.model:
+        if self.jumper.drive.kp > 0 or self.jumper.lags:
             sag = self.jumper.sag() if self.sequence[-1] == AIR else 0.0
             self.row(e.X - sag, 0.0, 0.0, SCALE["X"])
         if self.jumper.drive.kp > 0:
@@ -321,7 +306,7 @@ class Programme:
         m, total = self.jumper.model, self.total
         y, w = self._whole(state)
         self.row(w, 0.0, math.inf, 0.5)
-        drag = m.parameters.c_v / total if "viscous_friction" in m and m.parameters.c_v else 0.0
+        drag = self.jumper.damping / total
         g = m.g + m.hold / total
         if drag:
             left = ca.log(1.0 + drag * w / g) / drag

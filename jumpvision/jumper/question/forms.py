@@ -13,7 +13,8 @@ from itertools import product
 import numpy as np
 
 from jumpvision.base.arrays import Array
-from jumpvision.jumper.mechanisms.own import drawn, mechanism
+from jumpvision.jumper.mechanisms.own import mechanism
+from jumpvision.jumper.mechanisms.own import parameter as drawn
 from jumpvision.jumper.mechanisms.record import Mechanism, Parameter
 from jumpvision.jumper.physics.model import Model
 from jumpvision.jumper.physics.sand.jump import arguments
@@ -201,9 +202,6 @@ def _instruments() -> list[Mechanism]:
             [bend, height, drawn("n", 2.0, 1.2, 5.0, "", scale=0.3, grid=(2.0, 3.0))],
         ),
     ]
-
-
-INSTRUMENTS = ("clock_rate", "frames_dropped", "lens")
 
 
 def shape_name(acts_on: str, i: int, j: int) -> str:

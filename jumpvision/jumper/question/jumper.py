@@ -16,7 +16,7 @@ import numpy as np
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
 from jumpvision.base.threads import at_once
-from jumpvision.engine.system import Candidate, Observation, Parameter
+from jumpvision.engine.system import Candidate, Indexed, Observation, Parameter
 from jumpvision.jumper.mechanisms.own import parameters_with
 from jumpvision.jumper.mechanisms.record import Body, Mechanism
 from jumpvision.jumper.mechanisms.registry import MECHANISMS, PARAMETERS, acting
@@ -24,7 +24,7 @@ from jumpvision.jumper.physics.forcing import Forcing, Loop, Segments, Spline
 from jumpvision.jumper.physics.model import BED, ROBOT, Model
 from jumpvision.jumper.physics.sand.jump import Motion, Tracks, simulate
 
-from .jumps import Jump, called, coarseness, common, groups, observation, value
+from .jumps import Jump, coarseness, common, common_error, groups, observation
 
 RTOL, ATOL = 1e-7, 1e-9  # motions are right to some 5e-8 m, derivatives to 0.3 %; ten times finer takes twice as long
 LAG = "motor_lag"
@@ -48,7 +48,7 @@ class Jumper:
     """System of jumps that share a robot and, on each ground, a model's terms; what is not fitted may differ.
 
     bases: the model of the first jump on each ground, sand first. A mechanism acts in the jumps on its grounds.
-    apart: values of parameters that are fitted and declared with several; each is fitted for itself, as `called`.
+    apart: values of parameters that are fitted and declared with several; each is fitted for itself, as `Indexed`.
     fit: parameters of the model, or of the robot, that the baseline may re-fit -> (low, high); sigma: standard
     uncertainties of given ones, used as priors. Raises InputError for a name that no model has, and for a term that
     acts on both grounds and is in the model of one.
@@ -72,7 +72,7 @@ class Jumper:
         self.apart = self._declared_apart({*fit, *sigma})
         free: list[Parameter] = []
         for n in dict.fromkeys([*fit, *sigma]):
-            beds = [replace(self._free(n, fit.get(n), sigma.get(n), x), name=called(n, k)) for k, x in self._beds(n)]
+            beds = [replace(self._free(n, fit.get(n), sigma.get(n), x), name=Indexed(n, k)) for k, x in self._beds(n)]
             free += beds or [self._free(n, fit.get(n), sigma.get(n))]
         self.baseline = (*free, *common(self.jumps))
         self.apparatus = groups(self.jumps)
@@ -81,7 +81,7 @@ class Jumper:
         for model in self.bases.values():
             self.candidates = candidates(model, command_drives=drives, priors=sigma, own=own) | self.candidates
         for name, c in self.candidates.items() if self.apart else ():
-            drops = [*c.drops, *(called(n, k) for n in c.drops for k, _ in self._beds(n))]
+            drops = [*c.drops, *(Indexed(n, k) for n in c.drops for k, _ in self._beds(n))]
             used = tuple(p for p in c.parameters if p.name not in self.apart)  # the others are those of the beds
             self.candidates[name] = replace(c, parameters=used, drops=tuple(drops))
         self.observations: list[Observation] = []
@@ -150,7 +150,7 @@ class Jumper:
         base = self.bases[ground] if ground else self.model
         mechanisms = tuple(m for m in mechanisms if base.ground in base.mechanism(m).grounds)
         own_values = self._of_bed(base, values)
-        values = {n: v for n, v in values.items() if n not in SCATTER and "[" not in n} | own_values
+        values = {n: v for n, v in values.items() if n not in SCATTER and not isinstance(n, Indexed)} | own_values
         terms = list(base.terms)
         for name in mechanisms:
             gone = self.candidates[name].replaces
@@ -188,7 +188,7 @@ class Jumper:
     def _of_bed(self, model: Model, values: Mapping[str, float]) -> dict[str, float]:
         """Of the parameters that are fitted for each bed, those of a declared model's."""
         found = ((n, x, k) for n in self.apart for k, x in self._beds(n))
-        own = {n: called(n, k) for n, x, k in found if x == getattr(model.parameters, n)}
+        own = {n: Indexed(n, k) for n, x, k in found if x == getattr(model.parameters, n)}
         return {n: values[at] for n, at in own.items() if at in values}
 
     @property
@@ -246,7 +246,7 @@ class Jumper:
             times[lane] = model.shown(t) - values.get("start", 0.0)
             for i in runs:
                 k, here = self.apparatus[i], self.tracks.places[i]
-                times[lane, here] += value(values, "offset", k) + value(values, "rate", k) * t[here]
+                times[lane, here] += common_error(values, "offset", k) + common_error(values, "rate", k) * t[here]
 
         def follow(some: Sequence[tuple[int, int, Model]]) -> None:
             runs, lanes, models = zip(*some)
@@ -260,7 +260,7 @@ class Jumper:
         said = []
         for row, values, (model, like) in zip(out, sets, told):
             heights = model.filmed(row, t)
-            said.append([self._seen(i, heights[self.tracks.places[like[i]]], values) for i in which])
+            said.append([self._reported(i, heights[self.tracks.places[like[i]]], values) for i in which])
         return said
 
     def _alike(self, models: Iterable[Model]) -> Alike:
@@ -275,12 +275,12 @@ class Jumper:
             self.alike[beds] = [both.index(b) for b in both], [own.index(o) for o in own]
         return self.alike[beds]
 
-    def _seen(self, i: int, height: Array, values: Mapping[str, float]) -> Array:
+    def _reported(self, i: int, height: Array, values: Mapping[str, float]) -> Array:
         """True heights of an observation as its apparatus reports them [m]."""
         k, jump, o = self.apparatus[i], self.jumps[i], self.observations[i]
-        height = height * value(values, "scale", k)
+        height = height * common_error(values, "scale", k)
         if jump.shared.lens is not None:
-            height = height + value(values, "lens", k) * jump.shared.lens[np.searchsorted(jump.t, o.t)]
+            height = height + common_error(values, "lens", k) * jump.shared.lens[np.searchsorted(jump.t, o.t)]
         return height
 
     def scatter(
@@ -395,5 +395,5 @@ def candidate(m: Mechanism, model: Model, sigma: Mapping[str, float]) -> Candida
         drops = tuple(sorted(set(own.names) - set(m.names)))
         return Candidate(tuple(parameters), replaces=own.name, drops=drops)
     shapes = tuple(itertools.product(*grids[1:]))
-    null = 0.0 if m.written else parameters[0].start
+    null = 0.0 if m.own else parameters[0].start
     return Candidate(tuple(parameters), null=null, shapes=shapes, goes_with=m.goes_with)

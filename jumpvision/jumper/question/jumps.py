@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
 from jumpvision.engine.noise.noise import rounding_step, step_apart
-from jumpvision.engine.system import Observation, Parameter
+from jumpvision.engine.system import Indexed, Observation, Parameter
 from jumpvision.jumper.physics.forcing import Forcing, Loop
 from jumpvision.jumper.physics.model import Model
 from jumpvision.jumper.physics.sand.jump import Motion
@@ -120,11 +120,6 @@ def groups(jumps: Sequence[Jump]) -> list[int]:
     return [names.index(j.shared.apparatus) for j in jumps]
 
 
-def called(kind: str, apparatus: int) -> str:
-    """Name of a common error as a parameter, `scale[0]`."""
-    return f"{kind}[{apparatus}]"
-
-
 def common(jumps: Sequence[Jump]) -> tuple[Parameter, ...]:
     """A parameter for every common error that is stated, of every apparatus."""
     out: dict[str, Parameter] = {}
@@ -139,15 +134,16 @@ def common(jumps: Sequence[Jump]) -> tuple[Parameter, ...]:
             if sigma > 0:
                 value, unit = KINDS[kind]
                 ends = value - REACH * sigma, value + REACH * sigma
-                out[called(kind, k)] = Parameter(called(kind, k), value, *ends, sigma, sigma, unit)
+                name = Indexed(kind, k)
+                out[name] = Parameter(name, value, *ends, sigma, sigma, unit)
     return tuple(out.values())
 
 
 def is_common(name: str) -> bool:
     """Whether a parameter is one of an apparatus, not of the model."""
-    return name.split("[")[0] in KINDS and name.endswith("]")
+    return isinstance(name, Indexed) and name.of in KINDS
 
 
-def value(values: Mapping[str, float], kind: str, apparatus: int) -> float:
+def common_error(values: Mapping[str, float], kind: str, apparatus: int) -> float:
     """A common error's value, the declared one where it is taken as exact."""
-    return values.get(called(kind, apparatus), KINDS[kind][0])
+    return values.get(Indexed(kind, apparatus), KINDS[kind][0])

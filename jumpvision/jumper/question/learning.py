@@ -14,7 +14,9 @@ import numpy as np
 
 from jumpvision.base.arrays import MAD, Array
 from jumpvision.engine.noise import readings
+from jumpvision.engine.noise.learning import Source, learn_level, with_wander
 from jumpvision.engine.noise.noise import (
+    LEARNED_FROM,
     TOP,
     Noise,
     Stretch,
@@ -28,19 +30,11 @@ from jumpvision.engine.noise.noise import (
 )
 from jumpvision.engine.noise.readings import half_width
 from jumpvision.engine.noise.readings import kurtosis as kurtosis_of
-from jumpvision.engine.noise.sources import (
-    FEWEST,
-    Source,
-    combined,
-    of_statements,
-    of_stretches,
-    only_stated,
-    with_stated,
-)
 from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.jumps import coarseness
 
 from .quiet import STEPS, differences, flights, rest, ring_of, steadied
+from .sources import combined, of_statements, of_stretches, only_stated, with_stated
 
 ENOUGH = 8  # jumps that tell the frequency of the foot in flight
 FINEST = 1.0 / 3.0  # of the typical noise: what all tracks share, as the motor's log, is not seen at rest or in flight
@@ -101,15 +95,8 @@ def learn_noise(system: Jumper) -> Learned:
     factors = [f * w for f, w in zip(scale, weights)]
     evidence = _evidence(system, alone, scale, factors)
     level = _level(evidence, stated, scale, frame, step, warnings)
-    noise, kurtosis = level.noise, level.kurtosis
-    drifting, reach = [*evidence.pairs, *evidence.still], readings.reach_of([j.t for j in jumps])
-    noise = replace(
-        noise,
-        kurtosis=kurtosis,
-        log_power=math.hypot(math.sqrt((kurtosis - 1.0) / max(noise.n, 1)), doubt),
-        drift=readings.learn(drifting, noise, reach) if drifting else noise.s,
-        reach=reach,
-    )
+    reach, still = readings.reach_of([j.t for j in jumps]), [*evidence.pairs, *evidence.still]
+    noise = with_wander(level.noise, still, reach, doubt=doubt, unseen=level.noise.s)
     scatter = differing(system, evidence.pairs, noise)
     if noise.rho > TOP - 0.01:
         warnings.append(
@@ -150,15 +137,14 @@ def _evidence(system: Jumper, alone: Mapping[str, list[Stretch]], scale: Array, 
     # a track that is finer than it may count tells nothing of the others
     usual = [x for x in used if scale[x.track] > FINEST]
     still = [replace(x, design=x.design[:, :1]) for x in rest]
-    return _Evidence(pairs, parts, usual if samples(usual) >= FEWEST else used, still)
+    return _Evidence(pairs, parts, usual if samples(usual) >= LEARNED_FROM else used, still)
 
 
 @dataclass(frozen=True)
 class _Level:
-    """The noise without its wander, and the shape of its errors (see Learned)."""
+    """The noise without its wander, and the half width and tails of its errors (see Learned)."""
 
     noise: Noise
-    kurtosis: float
     sigma: float
     tails: float
     sources: dict[str, Source | None]
@@ -167,18 +153,18 @@ class _Level:
 def _level(evidence: _Evidence, stated: Array, scale: Array, frame: float, step: float, warnings: list[str]) -> _Level:
     """The noise by all sources; as the tracks state it where there is too little else. step: rounding [unit of y]."""
     used, parts, least = evidence.used, evidence.parts, step / math.sqrt(12.0)
-    if samples(used) < FEWEST:
+    if samples(used) < LEARNED_FROM:
         noise = only_stated(stated, frame, samples(used), warnings)
         sources: dict[str, Source | None] = dict.fromkeys(("rest", "flight", "repeats"))
-        return _Level(noise, 3.0, noise.s, math.inf, sources | {"stated": of_statements(stated)})
-    noise = estimate(used, frame, floor=least)
-    kurtosis = kurtosis_of(used, noise)
+        return _Level(noise, noise.s, math.inf, sources | {"stated": of_statements(stated)})
+    noise = learn_level(used, frame, least)
+    kurtosis = noise.kurtosis
     sources = {k: of_stretches(v, noise, kurtosis) for k, v in parts.items()}
     if step > 0 and (found := sources["repeats"]) is not None:
         sources["repeats"] = replace(found, sigma=of_rounded(found.sigma, step))
     noise = combined(noise, sources, used, parts, least, warnings)
-    noise = with_stated(noise, sources, stated, scale, kurtosis, warnings)
-    return _Level(noise, kurtosis, *half_width(used, noise), sources | {"stated": of_statements(stated)})
+    noise = replace(with_stated(noise, sources, stated, scale, kurtosis, warnings), kurtosis=kurtosis)
+    return _Level(noise, *half_width(used, noise), sources | {"stated": of_statements(stated)})
 
 
 def differing(system: Jumper, pairs: Sequence[Stretch], noise: Noise) -> dict[str, float]:
@@ -241,7 +227,7 @@ def _tracks(stretches: Sequence[Stretch], stated: Array, frame: float) -> tuple[
     """
     count = stated.size
     expected = np.log(stated / np.median(stated)) if np.all(np.isfinite(stated)) else np.zeros(count)
-    if samples(stretches) < FEWEST:
+    if samples(stretches) < LEARNED_FROM:
         return np.maximum(np.exp(expected), FINEST), 0.0
     first = [replace(x, spread=x.spread * math.exp(expected[x.track])) for x in stretches if x.spread is not None]
     noise = estimate(first, frame)

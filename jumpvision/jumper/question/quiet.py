@@ -10,6 +10,7 @@ import numpy as np
 import scipy
 
 from jumpvision.base.arrays import Array
+from jumpvision.engine.noise.learning import differences as between
 from jumpvision.engine.noise.noise import Stretch, powers, samples, step_apart
 from jumpvision.estimate.flight import in_flight
 from jumpvision.estimate.height import at_rest
@@ -119,7 +120,7 @@ def _squares(x: Stretch) -> float:
 
 
 STEPS = {"start": 1e-5, "bed": 1e-3}  # of the derivatives by what scatters
-FEWEST = 12  # samples that two trials share
+SHARED_SAMPLES = 12  # of two trials, at least
 SLOW = 3  # degree of the wander that is taken off where the noise is learned
 
 
@@ -137,22 +138,18 @@ def differences(system: Jumper, factors: Sequence[Array]) -> list[Stretch]:
     out = []
     for trials in groups.values():
         first = jumps[trials[0]]
-        for k in range(1, len(trials)):
-            tracks = [_at(first.t, jumps[i], jumps[i].y) for i in trials[: k + 1]]
-            noisy = [_at(first.t, jumps[i], factors[i]) for i in trials[: k + 1]]
-            good = np.all(np.isfinite(tracks), axis=0) & (first.t < first.stop + 0.05)
-            if good.sum() < FEWEST:
+        each = [(_at(first.t, jumps[i], jumps[i].y), _at(first.t, jumps[i], factors[i])) for i in trials]
+        for k, (apart, spread) in enumerate(between(each), 1):
+            good = np.isfinite(apart) & (first.t < first.stop + 0.05)
+            if good.sum() < SHARED_SAMPLES:
                 continue
-            t = first.t[good]
-            y = (tracks[k] - np.mean(tracks[:k], axis=0))[good]
-            spread = np.sqrt(noisy[k] ** 2 + np.sum(np.square(noisy[:k]), axis=0) / k**2)[good]
-            typical = math.sqrt(1.0 + 1.0 / k)
+            t, typical = first.t[good], math.sqrt(1.0 + 1.0 / k)
             effects = [system.height(first, t, (), {**start, n: h}) for n, h in STEPS.items()]
             at = system.height(first, t, (), start)
             columns = [(e - at) / h / typical for e, h in zip(effects, STEPS.values())]
             usable = columns[: 2 if first.model.ground == "granular" else 1]
             design = np.column_stack([np.ones(t.size), *(np.nan_to_num(c) for c in usable)])
-            out.append(Stretch(t, y / typical, design, spread / typical, trials[k]))
+            out.append(Stretch(t, apart[good], design, spread[good], trials[k]))
     return out
 
 

@@ -42,12 +42,7 @@ def write_crate(found: list[Results], out: Path) -> list[str]:
     top = found[0].folder.absolute().name
     crate.name, crate.description = top, f"Results of jumpvision {__version__}: {top}"
     program = entity(
-        "#jumpvision",
-        **{
-            "@type": "SoftwareApplication",
-            "name": "jumpvision",
-            "softwareVersion": __version__,
-        },
+        "#jumpvision", **{"@type": "SoftwareApplication", "name": "jumpvision", "softwareVersion": __version__}
     )
     for r in found:
         prefix = f"{r.name}/" if len(found) > 1 and r.name else ""

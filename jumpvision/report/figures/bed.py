@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jumpvision.base.arrays import measured
+from jumpvision.base.arrays import Array, measured
 from jumpvision.estimate.crater import ZeroCrossing
 from jumpvision.experiment.campaign.measured.craters import Crater
 from jumpvision.experiment.inputs.sections import CraterDepth, CraterImage, Fan, NotApplicable
-from jumpvision.experiment.results.values import CraterShape, CraterValues, Geometry
+from jumpvision.experiment.results.values import Column, CraterShape, CraterValues, Geometry
 from jumpvision.experiment.stages.bed.crater import read_map
 from jumpvision.experiment.stages.recordings import open_pictures
 from jumpvision.experiment.workflow.stage import stage
 from jumpvision.jumper.physics.air import Drop
-from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, SIGNED, styled
+from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, SIGNED, NewFigure, styled
 
 from .pictures import Picture, png, show_frame
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 
 class AirPicture(Picture):
@@ -28,7 +32,7 @@ class AirPicture(Picture):
 @stage(version=2, picture=True)
 def air_picture(geometry: Geometry, fan: Fan | None) -> AirPicture:
     """Pressure against air speed: Ergun, Wu, the bed's weight, and where it is given the fan's curve and its place."""
-    flow, height = geometry.checked["fluidisation"], geometry.checked["bed_height_m"]
+    flow, height = geometry.values["fluidisation"], geometry.values["bed_height_m"]
     weight = flow["bed_weight_Pa"] if flow else None
     if flow is None or height is None or weight is None:
         raise NotApplicable(["air_picture needs [bed] grain_diameter, a volume fraction and the bed's height"])
@@ -65,7 +69,7 @@ class CraterPicture(Picture):
 @stage(version=2, picture=True)
 def crater_picture(crater: CraterShape, line: CraterImage | None, depth: CraterDepth | None) -> CraterPicture:
     """What was measured, and the profile about the axis."""
-    v = crater.shape
+    v = crater.values
     with styled() as Figure:
         figure = Figure(figsize=(8.6, 3.4), layout="constrained")
         left, right = figure.subplots(1, 2, width_ratios=(1, 1.5))
@@ -81,12 +85,12 @@ def crater_picture(crater: CraterShape, line: CraterImage | None, depth: CraterD
         return CraterPicture(png(figure))
 
 
-def as_floats(values: list[Any]) -> Any:
+def as_floats(values: Column) -> Array:
     """A list of numbers and None as an array with NaN."""
     return np.array(values, float)
 
 
-def draw_map(figure: Any, axis: Any, v: CraterValues, depth: CraterDepth) -> None:
+def draw_map(figure: Figure, axis: Axes, v: CraterValues, depth: CraterDepth) -> None:
     """Height about its median with the circle that was integrated."""
     scale = depth.scale or 1.0
     z = read_map(depth) * depth.height_scale
@@ -101,7 +105,7 @@ def draw_map(figure: Any, axis: Any, v: CraterValues, depth: CraterDepth) -> Non
     axis.set(title="depth map and integrated disc", xlabel="column [px]", ylabel="row [px]")
 
 
-def draw_profile(axis: Any, v: CraterValues) -> None:
+def draw_profile(axis: Axes, v: CraterValues) -> None:
     """Height against distance from the axis; a line's two halves one over the other."""
     r, h = as_floats(v["profile"]["r_m"]) * 1e3, as_floats(v["profile"]["height_m"]) * 1e3
     if r.min() < 0.0:
@@ -119,7 +123,7 @@ def draw_profile(axis: Any, v: CraterValues) -> None:
     axis.legend()
 
 
-def critical(craters: Sequence[Crater], found: ZeroCrossing, Figure: Any) -> Any:
+def critical(craters: Sequence[Crater], found: ZeroCrossing, Figure: NewFigure) -> Figure:
     """Volume change against volume fraction, where that is known, with the line through phi_c."""
     known = [c for c in craters if c.volume_fraction is not None]
     phi, v = np.array([(c.volume_fraction, c.volume_m3) for c in known], float).T

@@ -9,12 +9,11 @@ import numpy as np
 
 from jumpvision.base.arrays import Z95
 from jumpvision.engine.detect import LEVEL
-from jumpvision.engine.diagnose import Findings
+from jumpvision.engine.document.diagnosis import Diagnosis
+from jumpvision.engine.document.values import Cell, Discovered
 from jumpvision.engine.laws.expression import parse
-from jumpvision.experiment.results.diagnosis import Diagnosis
-from jumpvision.experiment.results.findings import Cell, Discovered
-from jumpvision.jumper.mechanisms.own import LONG_AGO
-from jumpvision.jumper.mechanisms.record import STATE
+from jumpvision.engine.order import Findings
+from jumpvision.jumper.mechanisms.record import LONG_AGO, STATE
 from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.jumps import PARTS
 from jumpvision.report.style import (

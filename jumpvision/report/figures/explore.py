@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +12,9 @@ from jumpvision.experiment.campaign.explore.history import Round
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
 
 from .pictures import png
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 SHOWN = 6  # causes with a line of their own
 COLOURS = (GREEN, MODEL, ACCENT, MEASURED, "#E69F00", "#56B4E9")
@@ -28,7 +31,7 @@ def exploration_picture(rounds: Sequence[Round]) -> bytes:
         return png(figure)
 
 
-def _causes(axis: Any, rounds: Sequence[Round]) -> None:
+def _causes(axis: Axes, rounds: Sequence[Round]) -> None:
     n = [len(r.jumps) for r in rounds]
     greatest = {m: max(r.causes.get(m, 0.0) for r in rounds) for r in rounds for m in r.causes}
     top = [m for m, p in sorted(greatest.items(), key=lambda x: -x[1]) if p >= FEWEST][:SHOWN]
@@ -42,7 +45,7 @@ def _causes(axis: Any, rounds: Sequence[Round]) -> None:
         axis.legend(loc="center left", fontsize=8)
 
 
-def _open(axis: Any, rounds: Sequence[Round]) -> None:
+def _open(axis: Axes, rounds: Sequence[Round]) -> None:
     n = np.array([len(r.jumps) for r in rounds])
     axis.plot(n, [r.entropy_bits for r in rounds], "o-", color=MEASURED, lw=1.4, ms=4, label="open after the jumps")
     for r, later in pairwise(rounds):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from textwrap import fill
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -14,9 +14,14 @@ from jumpvision.experiment.results.fields import Piv, Statistics
 from jumpvision.experiment.results.tables import Paths, Profiles
 from jumpvision.experiment.workflow.stage import stage
 from jumpvision.films.vision.piv.pair import MASKED, REASONS
-from jumpvision.report.style import MAP, MEASURED, MODEL, QUIET, SIGNED, styled
+from jumpvision.report.style import MAP, MEASURED, MODEL, QUIET, SIGNED, NewFigure, styled
 
 from .pictures import Picture, png
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 COLOURS = ("#ececec", "white", "#56B4E9", "#D55E00", "#0072B2", "#E69F00", "#F0E442", "#CC79A7")  # as REASONS
 ARROWS = 48  # along a row at most
@@ -39,7 +44,7 @@ class PathsPicture(Picture):
     file = "paths.png"
 
 
-def worst(field: Any) -> int:
+def worst(field: xr.Dataset) -> int:
     """Index of the time with the fewest measured vectors."""
     return int((field.chc > 0).sum(("y", "x")).argmin("t"))
 
@@ -93,7 +98,9 @@ class Map(NamedTuple):
     signed: bool = False
 
 
-def drawn(figure: Any, shape: tuple[int, int], data: Any, unit: str, panels: Sequence[Map], title: str) -> None:
+def draw_maps(
+    figure: Figure, shape: tuple[int, int], data: xr.Dataset, unit: str, panels: Sequence[Map], title: str
+) -> None:
     """Maps over data.x and data.y (rising) [unit], of whose velocity the first has the streamlines."""
     factor, shown = (1e3, "mm") if unit == "m" else (1.0, "px")
     x, y = data.x.values * factor, data.y.values * factor
@@ -113,12 +120,12 @@ def drawn(figure: Any, shape: tuple[int, int], data: Any, unit: str, panels: Seq
         axis.set_ylabel(f"y [{shown}] (up)")
 
 
-def tall(data: Any, rows: int, most: float) -> float:
+def tall(data: xr.Dataset, rows: int, most: float) -> float:
     """Inches of a figure, two maps wide."""
     return min(most, 1.0 + rows * 3.7 * float(np.ptp(data.y.values) / max(float(np.ptp(data.x.values)), 1e-12)))
 
 
-def maps(field: Any, flow: Any, i: int, unit: str, Figure: Any) -> Any:
+def maps(field: xr.Dataset, flow: xr.Dataset, i: int, unit: str, Figure: NewFigure) -> Figure:
     """Speed with streamlines, vorticity, shear rate and divergence at time i. unit: of places, "m" or "px"."""
     f, g = (a.isel(t=i).transpose("y", "x").sortby("y") for a in (field, flow))
     figure = Figure(figsize=(9.6, tall(f, 2, 9.0)), layout="compressed")
@@ -128,11 +135,11 @@ def maps(field: Any, flow: Any, i: int, unit: str, Figure: Any) -> Any:
         Map("shear rate [1/s]", g.shear_rate.values, "magma"),
         Map("divergence [1/s]", g.divergence.values, SIGNED, True),
     )
-    drawn(figure, (2, 2), f, unit, panels, f"t = {float(f.t):.4g} s")
+    draw_maps(figure, (2, 2), f, unit, panels, f"t = {float(f.t):.4g} s")
     return figure
 
 
-def streamlines(axis: Any, x: Any, y: Any, u: Any, v: Any) -> None:
+def streamlines(axis: Axes, x: Array, y: Array, u: Array, v: Array) -> None:
     """Lines along the velocity, on axes whose x and y rise."""
     if min(u.shape) > 2:
         axis.streamplot(
@@ -155,7 +162,7 @@ def statistics_picture(found: Statistics, piv: Piv) -> StatisticsPicture:
     )
     with styled() as Figure:
         figure = Figure(figsize=(9.6, tall(data, 3, 11.0)), layout="compressed")
-        drawn(figure, (3, 2), data, unit, panels, f"mean of {found.fields} fields")
+        draw_maps(figure, (3, 2), data, unit, panels, f"mean of {found.fields} fields")
         return StatisticsPicture(png(figure))
 
 

@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jumpvision.base.arrays import Numbers
 from jumpvision.experiment.inputs.sections import Calibration, GrainVideo, PivField
 from jumpvision.experiment.results.fields import Column, Flow, Piv
 from jumpvision.experiment.results.values import Fits
 from jumpvision.experiment.stages.recordings import open_grains
 from jumpvision.experiment.workflow.stage import stage
-from jumpvision.report.style import ACCENT, FOOT, MAP, MEASURED, QUIET, kind_of, styled
+from jumpvision.report.style import ACCENT, FOOT, MAP, MEASURED, QUIET, NewFigure, kind_of, styled
 
 from .flows import maps
-from .pictures import COLUMN_PANELS, Data, Picture, draw_cone, draw_sides, png, show_frame
+from .pictures import COLUMN_PANELS, Picture, draw_cone, draw_sides, png, show_frame
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 
 class PivPicture(Picture):
@@ -26,7 +32,7 @@ class FlowPicture(Picture):
     file = "flow.png"
 
 
-def busiest(field: Any) -> int:
+def busiest(field: xr.Dataset) -> int:
     """Index of the frame with the largest mean speed."""
     speed = np.hypot(field.u, field.v).where(field.chc > 0).mean(("y", "x"))
     return int(speed.fillna(0).argmax("t"))
@@ -59,10 +65,9 @@ def piv_picture(
         ok = f.chc.values > 0
         apart = abs(float(f.x[1] - f.x[0])) * factor if f.sizes["x"] > 1 else 1.0
         longest = float(np.nanquantile(speed.values[ok], 0.99)) if ok.any() else 1.0
-        size = {"angles": "xy", "scale_units": "xy", "scale": (longest or 1.0) / (2.5 * apart)}
-        arrows = axis.quiver(
-            x[ok], y[ok], f.u.values[ok], f.v.values[ok], speed.values[ok], cmap="viridis", width=0.004, **size
-        )
+        of = x[ok], y[ok], f.u.values[ok], f.v.values[ok], speed.values[ok]
+        scale = (longest or 1.0) / (2.5 * apart)
+        arrows = axis.quiver(*of, cmap="viridis", width=0.004, angles="xy", scale_units="xy", scale=scale)
         bad = ~ok & np.isfinite(f.u.values)
         axis.plot(x[bad], y[bad], "x", color=ACCENT, ms=3, mew=0.8, label="not measured")
         if bad.any():
@@ -115,7 +120,7 @@ def flow_picture(flow: Flow, piv: Piv, column: Column | None) -> FlowPicture:
         return FlowPicture(png(figure))
 
 
-def band(axis: Any, x: Any, y: Any, sigma: Any, color: str) -> None:
+def band(axis: Axes, x: xr.DataArray, y: xr.DataArray, sigma: xr.DataArray, color: str) -> None:
     """A line with its ±2σ band."""
     axis.fill_between(x, y - 2 * sigma, y + 2 * sigma, color=color, alpha=0.25, lw=0)
     axis.plot(x, y, color=color)
@@ -124,7 +129,7 @@ def band(axis: Any, x: Any, y: Any, sigma: Any, color: str) -> None:
 FRAMES = 4  # of a sequence
 
 
-def moments(flow: Any) -> Any:
+def moments(flow: xr.Dataset) -> Numbers:
     """FRAMES times, evenly spaced while the foot moves down at a tenth of its greatest speed or more."""
     speed = flow.foot_speed.values
     if np.isfinite(speed).any():
@@ -134,7 +139,7 @@ def moments(flow: Any) -> Any:
     return np.unique(np.linspace(moving[0], moving[-1], FRAMES + 2)[1:-1].round().astype(int))
 
 
-def grain_speed(piv: Any, flow: Any, Figure: Any) -> Any:
+def grain_speed(piv: xr.Dataset, flow: xr.Dataset, Figure: NewFigure) -> Figure:
     """Speed downwards over the foot's, at moments of the push-off; grey where it was not measured."""
     at = moments(flow)
     figure = Figure(figsize=(2.6 * len(at), 3.3), layout="compressed")
@@ -148,7 +153,7 @@ def grain_speed(piv: Any, flow: Any, Figure: Any) -> Any:
     return figure
 
 
-def shear_rate(flow: Any, column: Any, Figure: Any) -> Any:
+def shear_rate(flow: xr.Dataset, column: xr.Dataset | None, Figure: NewFigure) -> Figure:
     """Shear strain rate at the same moments, with its ridges and the sides of the cone."""
     at = moments(flow)
     figure = Figure(figsize=(2.6 * len(at), 3.3), layout="compressed")
@@ -164,15 +169,15 @@ def shear_rate(flow: Any, column: Any, Figure: Any) -> Any:
     return figure
 
 
-def framed(axis: Any, f: Any) -> None:
+def framed(axis: Axes, f: xr.Dataset) -> None:
     """Equal axes in mm with the time as the title."""
     axis.set(aspect="equal", title=f"{float(f.t) * 1e3:.0f} ms", xlabel="x [mm]", facecolor="#dddddd")
     axis.grid(False)
-    if axis.get_subplotspec().is_first_col():
+    if (place := axis.get_subplotspec()) is None or place.is_first_col():
         axis.set_ylabel("y [mm]")
 
 
-def momentum(flows: Sequence[tuple[str, str, Any]], Figure: Any) -> Any:
+def momentum(flows: Sequence[tuple[str, str, xr.Dataset]], Figure: NewFigure) -> Figure:
     """Momentum of the grains against time from its start, of every film by kind of jump. flows: name, kind, field."""
     figure = Figure(figsize=(4.4, 3.0), layout="constrained")
     axis = figure.subplots()
@@ -193,18 +198,18 @@ def momentum(flows: Sequence[tuple[str, str, Any]], Figure: Any) -> Any:
     return figure
 
 
-def column(fits: Fits, record: Column, Figure: Any) -> Any:
+def column(fits: Fits, record: Column, Figure: NewFigure) -> Figure:
     """The central column: exponential, beta, jammed front and theta against depth. record: the Column."""
     figure = Figure(figsize=(8.6, 5.4), layout="constrained")
     for axis, draw in zip(figure.subplots(2, 2).flat, COLUMN_PANELS, strict=True):
-        draw(axis, fits, Data(column=record))
+        draw(axis, fits, record)
     return figure
 
 
-def added_mass(fits: Fits, record: Column, flow: Flow, Figure: Any) -> Any:
+def added_mass(fits: Fits, record: Column, flow: Flow, Figure: NewFigure) -> Figure:
     """Added mass against depth with the saturating cone. record, flow: the Column and the Flow."""
     figure = Figure(figsize=(4.4, 3.0), layout="constrained")
     axis = figure.subplots()
-    draw_cone(axis, fits, Data(column=record, flow=flow))
+    draw_cone(axis, fits, record, flow)
     axis.set_title(FOOT.get(flow.field.attrs.get("disc", ""), ""))
     return figure

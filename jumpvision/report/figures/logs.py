@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jumpvision.base.arrays import measured
+from jumpvision.base.arrays import Array, measured
 from jumpvision.estimate.estimate import Estimate, finite
 from jumpvision.estimate.robot import Bandwidth
 from jumpvision.experiment.campaign.measured.actuator import Driven
 from jumpvision.experiment.campaign.measured.intrusions import IntrusionLaws, SlowIntrusion
 from jumpvision.experiment.inputs.logs import read_log
 from jumpvision.experiment.inputs.sections import Actuation, MotorLog, NotApplicable
-from jumpvision.experiment.results.values import Fits, Intrusion, SpringTest
+from jumpvision.experiment.results.values import ConeValues, Fits, Intrusion, IntrusionEvent, SpringTest
 from jumpvision.experiment.stages.rod import commanded, read_motor
 from jumpvision.experiment.workflow.stage import stage
-from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
+from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, NewFigure, styled
 
 from .pictures import Picture, png
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 
 class IntrusionPicture(Picture):
@@ -33,51 +37,51 @@ def intrusion_picture(intrusion: Intrusion) -> IntrusionPicture:
         return IntrusionPicture(png(single(intrusion, Figure)))
 
 
-def single(intrusion: Intrusion, Figure: Any) -> Any:
+def single(intrusion: Intrusion, Figure: NewFigure) -> Figure:
     """Force against depth with the fitted curve and the cone; what is left over; overshoot against depth."""
     v, fits = intrusion.values, intrusion.fits
-    p = {k: np.array(a) for k, a in v["profile"].items()}
-    z = p["depth_m"] * 1e3
+    p = v["profile"]
+    z, force, fitted = np.array(p["depth_m"]) * 1e3, np.array(p["force_N"]), np.array(p["fitted_N"])
     figure = Figure(figsize=(9.6, 3.6), layout="constrained")
     left, middle, right = figure.subplots(1, 3, width_ratios=(1.5, 1, 1))
-    left.plot(z, p["force_N"], ".", ms=3, color=MEASURED, label="measured")
-    left.plot(z, p["fitted_N"], color=MODEL, label="fit")
+    left.plot(z, force, ".", ms=3, color=MEASURED, label="measured")
+    left.plot(z, fitted, color=MODEL, label="fit")
     if v["events"]:
         left.plot(z, p["first_N"], color=MODEL, lw=0.8, ls="--", label="without events")
     if v["cone"]:
         draw_cone(left, z, v["cone"])
-    if delta := fits.known("delta"):
+    if delta := fits.determined("delta"):
         left.axvline(delta.value * 1e3, color=QUIET, lw=0.8, label=r"bend $\delta$")
-        left.set_title(rf"$\delta$ = {shown(delta, 1e3)} mm")
+        left.set_title(rf"$\delta$ = {with_sigma(delta, 1e3)} mm")
     else:
         left.set_title(f"one slope suffices (p = {v['p_one_slope']:.2g})")
     left.set(xlabel="depth below the surface [mm]", ylabel="force [N]")
     left.legend()
-    middle.plot(z, p["force_N"] - p["fitted_N"], color=MEASURED, lw=0.8)
+    middle.plot(z, force - fitted, color=MEASURED, lw=0.8)
     middle.set(title="measured − fit", xlabel="depth below the surface [mm]", ylabel="difference [N]")
     draw_events(right, v["events"], fits)
     return figure
 
 
-def draw_cone(axis: Any, z: Any, cone: Any) -> None:
+def draw_cone(axis: Axes, z: Array, cone: ConeValues) -> None:
     """The fitted cone against depth [mm], and its flat face and mantle apart (thesis Fig 55)."""
-    axis.plot(z, cone["force_N"], color=GREEN, lw=1.0, ls=":", label="RFT cone, fitted")
-    for part, ls in (("flat", "--"), ("mantle", "-.")):
-        axis.plot(z, cone[f"{part}_N"], color=GREEN, lw=0.7, ls=ls, label=f"its {part}")
+    axis.plot(z, np.array(cone["force_N"]), color=GREEN, lw=1.0, ls=":", label="RFT cone, fitted")
+    for part, force, ls in (("flat", cone["flat_N"], "--"), ("mantle", cone["mantle_N"], "-.")):
+        axis.plot(z, np.array(force), color=GREEN, lw=0.7, ls=ls, label=f"its {part}")
     if cone["complete_depth_m"] * 1e3 < np.max(z):
         axis.axvline(cone["complete_depth_m"] * 1e3, color=GREEN, lw=0.6, ls=":", label="cone complete")
 
 
-def draw_events(axis: Any, events: list[Any], fits: Fits) -> None:
+def draw_events(axis: Axes, events: Sequence[IntrusionEvent], fits: Fits) -> None:
     """Overshoot against depth, with the proportional law of each kind."""
     for kind, name, color, mark in (("reintrusion", "s", MEASURED, "o"), ("stop_go", "s_p", ACCENT, "s")):
         mine = [e for e in events if e["kind"] == kind]
         if not mine:
             continue
         z = np.array([e["depth_m"] for e in mine]) * 1e3
-        o, sigma = (np.array([e[k] for e in mine]) for k in ("overshoot_N", "sigma_N"))
+        o, sigma = np.array([(e["overshoot_N"], e["sigma_N"]) for e in mine]).T
         axis.errorbar(z, o, sigma, fmt=mark, ms=4, lw=0.8, color=color, label=kind.replace("_", "-"))
-        if s := fits.known(name):
+        if s := fits.determined(name):
             law = rf"${name} z$"
             axis.plot([0, z.max()], [0, s.value * z.max() * 1e-3], color=color, lw=0.8, label=law)
     axis.set(title="overshoot", xlabel="depth of the event [mm]", ylabel="overshoot [N]")
@@ -87,7 +91,7 @@ def draw_events(axis: Any, events: list[Any], fits: Fits) -> None:
         axis.text(0.5, 0.5, "no pause or withdrawal", ha="center", transform=axis.transAxes, color=QUIET)
 
 
-def resistances(rows: Sequence[SlowIntrusion], laws: IntrusionLaws, Figure: Any) -> Any:
+def resistances(rows: Sequence[SlowIntrusion], laws: IntrusionLaws, Figure: NewFigure) -> Figure:
     """k1, k2 per foot area, delta and ripples against packing; force against depth by foot beside the cone."""
     figure = Figure(figsize=(9.6, 6.4), layout="constrained")
     axes = figure.subplots(2, 2)
@@ -115,7 +119,9 @@ def resistances(rows: Sequence[SlowIntrusion], laws: IntrusionLaws, Figure: Any)
     return figure
 
 
-def points(axis: Any, rows: Sequence[SlowIntrusion], name: str, color: str, mark: str, factor: Any, label: str) -> None:
+def points(
+    axis: Axes, rows: Sequence[SlowIntrusion], name: str, color: str, mark: str, factor: Array, label: str
+) -> None:
     """One fit of each intrusion against packing, with sigma."""
     if rows:
         value, sigma = np.array([r.fits[name] for r in rows]).T * factor
@@ -123,7 +129,7 @@ def points(axis: Any, rows: Sequence[SlowIntrusion], name: str, color: str, mark
         axis.errorbar(phi, value, sigma, fmt=mark, ms=4, lw=0.8, color=color, label=label)
 
 
-def draw_feet(axis: Any, rows: Sequence[SlowIntrusion]) -> None:
+def draw_feet(axis: Axes, rows: Sequence[SlowIntrusion]) -> None:
     """First intrusions in the loosest bed by foot radius; the fitted cone of each, its face and mantle apart."""
     import matplotlib as mpl
 
@@ -155,30 +161,33 @@ class SpringPicture(Picture):
 @stage(version=2, picture=True)
 def spring_picture(fit: Fits, spring: SpringTest) -> SpringPicture:
     """Loading and unloading apart; the two lines of a loop; turning points, which are left out, in grey."""
-    p = {k: np.array(a, float) for k, a in spring.values["profile"].items()}
-    x, left = p["displacement_m"] * 1e3, p["force_N"] - p["fitted_N"]
+    p = spring.values["profile"]
+    x, force, fitted = np.array(p["displacement_m"]) * 1e3, np.array(p["force_N"]), np.array(p["fitted_N"])
+    left, direction = force - fitted, np.array(p["direction"])
     with styled() as Figure:
         figure = Figure(figsize=(8.6, 3.4), layout="constrained")
         whole, rest = figure.subplots(1, 2, width_ratios=(1.3, 1))
-        turning = p["direction"] == 0
-        whole.plot(x[turning], p["force_N"][turning], ".", ms=3, color=QUIET, label="turning points, left out")
+        turning = direction == 0
+        whole.plot(x[turning], force[turning], ".", ms=3, color=QUIET, label="turning points, left out")
         for sign, label, color in ((1, "growing displacement", MEASURED), (-1, "falling displacement", MODEL)):
-            mine = p["direction"] == sign
+            mine = direction == sign
             if mine.any():
                 order = np.flatnonzero(mine)[np.argsort(x[mine])]
-                whole.plot(x[mine], p["force_N"][mine], ".", ms=4, color=color, label=label)
-                whole.plot(x[order], p["fitted_N"][order], color=color, lw=0.8)
+                whole.plot(x[mine], force[mine], ".", ms=4, color=color, label=label)
+                whole.plot(x[order], fitted[order], color=color, lw=0.8)
                 rest.plot(x[mine], left[mine], ".", ms=4, color=color)
         rest.axhline(0.0, color=QUIET, lw=0.8)
         whole.legend()
-        whole.set(xlabel="displacement [mm]", ylabel="force [N]", title=f"k = {shown(fit['spring_stiffness'])} N/m")
+        whole.set(
+            xlabel="displacement [mm]", ylabel="force [N]", title=f"k = {with_sigma(fit['spring_stiffness'])} N/m"
+        )
         loop = fit.get("spring_hysteresis_N")
-        title = f"hysteresis ±{shown(loop)} N" if loop else "one direction: no hysteresis measured"
+        title = f"hysteresis ±{with_sigma(loop)} N" if loop else "one direction: no hysteresis measured"
         rest.set(xlabel="displacement [mm]", ylabel="measured − line [N]", title=title)
         return SpringPicture(png(figure))
 
 
-def shown(e: Estimate, factor: float = 1.0) -> str:
+def with_sigma(e: Estimate, factor: float = 1.0) -> str:
     """Value ± sigma."""
     return measured(finite(e.value), e.sigma, factor)
 
@@ -190,7 +199,7 @@ class MotorPicture(Picture):
 @stage(version=2, picture=True)
 def motor_picture(fits: Fits, log: MotorLog, law: Actuation) -> MotorPicture:
     """Encoder and command, their difference, and where force was logged the work it does."""
-    if not fits.known("actuator_ratio"):
+    if not fits.determined("actuator_ratio"):
         raise NotApplicable(["motor_picture needs a log from rest to rest"])
     t, position = read_motor(log, law)
     around = (t > law.start - 0.05) & (t < law.stop + 0.1)
@@ -198,23 +207,23 @@ def motor_picture(fits: Fits, log: MotorLog, law: Actuation) -> MotorPicture:
     command = commanded(law)(t)[0]
     logged = read_log(log, "time_s", "position_m", optional=("force_N",))
     force = logged.force_N.to_numpy()[around] if "force_N" in logged else None
-    done, peak = fits.get("motor_work_J"), fits.known("peak_power_W")
+    done, peak = fits.get("motor_work_J"), fits.determined("peak_power_W")
     with styled() as Figure:
         panels = 3 if force is not None and done else 2
         figure = Figure(figsize=(3.3 * panels, 3.2), layout="constrained")
         axes = figure.subplots(1, panels)
         axes[0].plot(t, command * 1e3, color=MODEL, label="command")
         axes[0].plot(t, position * 1e3, ".", ms=2, color=MEASURED, label="encoder")
-        axes[0].set(title=f"ratio {shown(fits['actuator_ratio'])}", ylabel="motor on the rod [mm]")
+        axes[0].set(title=f"ratio {with_sigma(fits['actuator_ratio'])}", ylabel="motor on the rod [mm]")
         axes[1].plot(t, (position - command) * 1e3, color=MEASURED, lw=0.8)
-        axes[1].set(title=f"lag {shown(fits['actuator_lag_s'], 1e3)} ms", ylabel="encoder − command [mm]")
+        axes[1].set(title=f"lag {with_sigma(fits['actuator_lag_s'], 1e3)} ms", ylabel="encoder − command [mm]")
         if force is not None and done:
             work = np.r_[0.0, np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(position))]
             axes[2].plot(t, work, color=MEASURED, label="so far")
             axes[2].axhline(done.value, color=QUIET, lw=0.8, ls="--", label="in all")
-            title = f"work {shown(done)} J"
+            title = f"work {with_sigma(done)} J"
             if peak:
-                title += f"\npeak power {shown(peak)} W"
+                title += f"\npeak power {with_sigma(peak)} W"
             axes[2].set(title=title, ylabel="work of the motor's force [J]")
         for axis in axes:
             axis.axvspan(law.start, law.stop, color=ACCENT, alpha=0.12, lw=0, label="motor runs")
@@ -223,7 +232,7 @@ def motor_picture(fits: Fits, log: MotorLog, law: Actuation) -> MotorPicture:
         return MotorPicture(png(figure))
 
 
-def actuator(rows: Sequence[Driven], found: Bandwidth, Figure: Any) -> Any:
+def actuator(rows: Sequence[Driven], found: Bandwidth, Figure: NewFigure) -> Figure:
     """Amplitude ratio with the -3 dB level and the bandwidth, and lag, both with 2 sigma."""
     figure = Figure(figsize=(8.6, 3.2), layout="constrained")
     left, right = figure.subplots(1, 2)

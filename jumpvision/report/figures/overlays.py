@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array, Image
 from jumpvision.base.progress import watch
 from jumpvision.experiment.inputs.parameters import OverlayParams
 from jumpvision.experiment.inputs.sections import Calibration, GrainVideo, NotApplicable, RodVideo
@@ -94,11 +96,11 @@ def overlay(track: Track, film: RodVideo, *, p: OverlayParams) -> TrackFilm:
         ball = found.iloc[len(found) // 2]
         white = brightness(frames[int(ball.frame)], ball)
         factor = round(SHORT_SIDE / min(frames.shape)) or 1
-        pictures = (drawn(frames[i], (track.table, *track.others), i, white, factor) for i in shown)
+        pictures = (frame_with_path(frames[i], (track.table, *track.others), i, white, factor) for i in shown)
         return TrackFilm(webm(watch(pictures, "frames drawn", len(shown)), RATE, LINES))
 
 
-def brightness(image: NDArray[Any], ball: Any) -> float:
+def brightness(image: Image, ball: pd.Series) -> float:
     """Grey that is shown white: few pixels are brighter, and a ball (its row of the track) is not, however small."""
     white = float(np.nanpercentile(shrunk(image, LONG_SIDE), 99.9))
     if np.isfinite(ball.x_px) and np.isfinite(ball.y_px):
@@ -108,7 +110,7 @@ def brightness(image: NDArray[Any], ball: Any) -> float:
     return max(1.0, white)
 
 
-def drawn(image: NDArray[Any], tables: Any, i: int, white: float, factor: int) -> NDArray[np.uint8]:
+def frame_with_path(image: Image, tables: Sequence[pd.DataFrame], i: int, white: float, factor: int) -> Bgr:
     """Frame i (row, column, BGR), enlarged or shrunk, with the balls' positions; even sides, as the codec needs."""
     small = shrunk(image, LONG_SIDE)
     zoom, image = factor / (max(image.shape) // max(small.shape)), small
@@ -172,7 +174,7 @@ def slowed(n: int) -> float:
 class View:
     """Film and field brought to one scale of pixels and one of greys, the same in all frames."""
 
-    def __init__(self, field: xr.Dataset, grid: VectorGrid, image: NDArray[Any], scale: float):
+    def __init__(self, field: xr.Dataset, grid: VectorGrid, image: Image, scale: float):
         self.planes = Planes(field, [n for n in SHOWN if n in field])
         self.low, self.high = (float(q) for q in np.nanpercentile(shrunk(image), (0.5, 99.5)))
         rows, columns = image.shape
@@ -181,15 +183,15 @@ class View:
         self.scale, self.grid = scale, grid
         self.face = self.row_of(field.foot_y.values) if "foot_y" in field else None
 
-    def column_of(self, x: Any) -> Any:
+    def column_of(self, x: Array) -> Array:
         """Column in the film's picture of x [m]."""
         return (x / self.scale + self.grid.origin_column_px + 0.5) * self.zoom
 
-    def row_of(self, y: Any) -> Any:
+    def row_of(self, y: Array) -> Array:
         """Row in the film's picture of y [m], up."""
         return (self.grid.origin_row_px - y / self.scale + 0.5) * self.zoom
 
-    def grains(self, image: NDArray[Any], white: float) -> Any:
+    def grains(self, image: Image, white: float) -> Bgr:
         """A frame (row, column, BGR) with `white` as its brightest grey."""
         grey = np.clip(
             (shrunk(image).astype(np.float32) - self.low) * (white / max(self.high - self.low, 1e-6)), 0, white
@@ -198,7 +200,7 @@ class View:
         small = cv2.resize(np.nan_to_num(grey).astype(np.uint8), self.size, interpolation=way)
         return cv2.cvtColor(small, cv2.COLOR_GRAY2BGR)
 
-    def draw_face(self, picture: Any, i: int) -> None:
+    def draw_face(self, picture: Image, i: int) -> None:
         """The foot's lower face at time i, in blue."""
         if self.face is not None and np.isfinite(self.face[i]):
             y = round(float(self.face[i]))
@@ -208,7 +210,7 @@ class View:
 class Drawing(View):
     """The vectors, at one scale of arrows in all frames."""
 
-    def __init__(self, field: xr.Dataset, grid: VectorGrid, image: NDArray[Any], scale: float):
+    def __init__(self, field: xr.Dataset, grid: VectorGrid, image: Image, scale: float):
         super().__init__(field, grid, image, scale)
         every = max(1, -(-field.sizes["x"] // ARROWS))
         self.part = {"x": slice(every // 2, None, every), "y": slice(every // 2, None, every)}
@@ -224,7 +226,7 @@ class Drawing(View):
         s = np.hypot(f.u.values, f.v.values)[f.chc.values > 0]
         return np.asarray(s[s <= np.quantile(s, 0.99)] if s.size else np.array([np.nan]))
 
-    def __call__(self, image: NDArray[Any], i: int) -> Bgr:
+    def __call__(self, image: Image, i: int) -> Bgr:
         picture = self.grains(image, 200.0)
         f = self.planes[i].isel(self.part)
         u, v, measured = f.u.values, f.v.values, f.chc.values > 0
@@ -237,7 +239,7 @@ class Drawing(View):
         self.draw_face(picture, i)
         return self.legend(picture, float(f.t))
 
-    def legend(self, picture: Any, t: float) -> Bgr:
+    def legend(self, picture: Image, t: float) -> Bgr:
         """The picture over a strip with the time, and an arrow with its speed."""
         value = float(f"{self.top:.1g}")
         text = f"t = {t:.4f} s     {value:g} {self.grid.unit}/s"
@@ -248,14 +250,15 @@ class Drawing(View):
         return np.asarray(picture, np.uint8)
 
 
-def captioned(picture: Any, text: str) -> Any:
+def captioned(picture: Image, text: str) -> Bgr:
     """The picture over a strip with a text."""
     out = cv2.copyMakeBorder(picture, 0, STRIP, 0, 0, cv2.BORDER_CONSTANT, value=(0, 0, 0))
     at = (8, out.shape[0] - 7)
-    return cv2.putText(out, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.45, (255, 255, 255), 1, cv2.LINE_AA)
+    cv2.putText(out, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.45, (255, 255, 255), 1, cv2.LINE_AA)
+    return np.asarray(out, np.uint8)
 
 
-def arrow(picture: Any, x: float, y: float, dx: float, dy: float, colour: tuple[int, ...]) -> None:
+def arrow(picture: Image, x: float, y: float, dx: float, dy: float, colour: tuple[int, ...]) -> None:
     """An arrow from (x, y) [px], to a sixteenth of a pixel; a dot where it would be shorter than 2 px."""
     start, end = (tuple(round(16 * float(q)) for q in p) for p in ((x, y), (x + dx, y + dy)))
     length = float(np.hypot(dx, dy))
@@ -304,7 +307,7 @@ class ConeDrawing(View):
         grid: VectorGrid,
         shear: xr.DataArray,
         sides: xr.Dataset | None,
-        image: NDArray[Any],
+        image: Image,
         scale: float,
     ):
         super().__init__(field, grid, image, scale)
@@ -320,7 +323,7 @@ class ConeDrawing(View):
             np.tile(((np.arange(high) + 0.5 - y[0]) / (y[1] - y[0])).astype(np.float32)[:, None], (1, wide)),
         )
 
-    def __call__(self, image: NDArray[Any], i: int) -> Bgr:
+    def __call__(self, image: Image, i: int) -> Bgr:
         picture = self.grains(image, 170.0)
         grid = self.shear[i].shear_rate.transpose("y", "x").values
         share = cv2.remap(
@@ -338,7 +341,7 @@ class ConeDrawing(View):
         t = float(self.planes[i].t)
         return np.asarray(captioned(picture, f"t = {t:.4f} s     bright: {self.top:.2g} 1/s and more"), np.uint8)
 
-    def draw_sides(self, picture: Any, c: Any) -> None:
+    def draw_sides(self, picture: Image, c: xr.Dataset) -> None:
         """Ridges of the shear rate, outline of the cone, and the straight lines fitted to it."""
         for name, colour in (("ridge", WHITE), ("outline", PINK)):
             for way in ("left", "right"):
@@ -355,6 +358,6 @@ class ConeDrawing(View):
         points = np.array([self.fixed(self.column_of(x), self.row_of(y)) for x, y in corners], np.int32)
         cv2.polylines(picture, [points], False, GREEN, 2, cv2.LINE_AA, SHIFT)
 
-    def fixed(self, x: float, y: float) -> tuple[int, int]:
+    def fixed(self, x: float | Array, y: float | Array) -> tuple[int, int]:
         """A place in the picture as OpenCV wants it."""
         return round(float(x) * 2**SHIFT), round(float(y) * 2**SHIFT)

@@ -4,22 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, Self, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jumpvision.base.arrays import measured
+from jumpvision.base.arrays import Image, measured
+from jumpvision.base.record import Record
 from jumpvision.experiment.inputs.sections import Actuation, BedImage, NotApplicable, RodVideo
-from jumpvision.experiment.results import Record
 from jumpvision.experiment.results.fields import Column, Flow
 from jumpvision.experiment.results.tables import RodMotion, Simulation, Track
 from jumpvision.experiment.results.values import BedHeight, Fits
 from jumpvision.experiment.stages.recordings import open_film, open_pictures
 from jumpvision.experiment.workflow.stage import stage
 from jumpvision.films.grains.cone import mass_curve
-from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
+from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, NewFigure, styled
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
@@ -52,7 +57,7 @@ class FitPicture(Picture):
     file = "fits.png"
 
 
-def png(figure: Any) -> bytes:
+def png(figure: Figure) -> bytes:
     """A figure as PNG bytes without a date, so that the same data give the same file."""
     import io
 
@@ -72,7 +77,7 @@ def png(figure: Any) -> bytes:
 MOST_PIXELS = 1600  # of a frame's longer side in a picture; more than a picture of 140 dpi shows
 
 
-def shrunk(image: NDArray[Any], longest: float = MOST_PIXELS) -> NDArray[Any]:
+def shrunk(image: Image, longest: float = MOST_PIXELS) -> Image:
     """A frame (rows, columns) as means of whole blocks where its longer side is more than about `longest` pixels."""
     k = int(min(max(image.shape) // longest, min(image.shape)))
     if k < 2:
@@ -82,13 +87,13 @@ def shrunk(image: NDArray[Any], longest: float = MOST_PIXELS) -> NDArray[Any]:
     return np.asarray(blocks.mean(axis=(1, 3), dtype=np.float32))
 
 
-def show_frame(axis: Any, image: NDArray[Any], **look: Any) -> None:
+def show_frame(axis: Axes, image: Image, **look: Any) -> None:
     """A frame in grey on an axis in pixels, or in `extent`; a large one shrunk: matplotlib takes 32 bytes a pixel."""
     rows, columns = image.shape
     axis.imshow(shrunk(image), cmap="gray", **{"extent": (-0.5, columns - 0.5, rows - 0.5, -0.5), **look})
 
 
-def drawn(draw: Callable[..., Any], *data: Any) -> bytes:
+def png_of(draw: Callable[..., Figure], *data: xr.Dataset) -> bytes:
     """PNG of a drawing function's figure in the house style."""
     with styled() as Figure:
         return png(draw(*data, Figure))
@@ -128,14 +133,22 @@ def track_picture(track: Track, film: RodVideo) -> TrackPicture:
 
 
 def draw_beside(
-    axes: Sequence[Any], rod: RodMotion, model: Simulation | None, name: str, *, size: float, line: str, **look: float
+    axes: Sequence[Axes],
+    rod: RodMotion,
+    model: Simulation | None,
+    name: str,
+    *,
+    size: float,
+    line: str,
+    ms: float,
+    lw: float,
 ) -> None:
     """Height of a rod on the first of the axes, with its model where there is one; their difference on the second."""
     axes[0].plot(rod.table.time_s, rod.table.height_m * 1e3, ".", ms=size, color=MEASURED, label="measured")
     if model is not None:
         both = rod.beside(model)
         axes[0].plot(both.model_t, both.model_h * 1e3, color=MODEL, label=name)
-        axes[1].plot(both.t, both.difference * 1e3, line, color=MEASURED, **look)
+        axes[1].plot(both.t, both.difference * 1e3, line, color=MEASURED, ms=ms, lw=lw)
 
 
 class Tracked(NamedTuple):
@@ -146,7 +159,7 @@ class Tracked(NamedTuple):
     model: Simulation | None
 
 
-def tracks(jumps: Sequence[Tracked], Figure: Any) -> Any:
+def tracks(jumps: Sequence[Tracked], Figure: NewFigure) -> Figure:
     """A column a jump: rod height measured and simulated, and their difference."""
     n = len(jumps)
     figure = Figure(figsize=(3.4 * max(n, 2), 4.0), layout="constrained")
@@ -155,7 +168,7 @@ def tracks(jumps: Sequence[Tracked], Figure: Any) -> Any:
         top.set(title=jump.name)
         low.axhline(0.0, color=QUIET, lw=0.6)
         low.set(xlabel="time [s]", title="measured − simulated" if jump.model is not None else "")
-        draw_beside((top, low), jump.rod, jump.model, "simulated", size=2, line="-", lw=0.8)
+        draw_beside((top, low), jump.rod, jump.model, "simulated", size=2, line="-", ms=2, lw=0.8)
     axes[0, 0].set(ylabel="rod height [mm]")
     axes[1, 0].set(ylabel="difference [mm]")
     axes[0, 0].legend()
@@ -174,7 +187,7 @@ def jump_picture(rod: RodMotion, simulation: Simulation | None, actuation: Actua
             t, sigma = rod.table.time_s, rod.table.sigma_m.to_numpy(float)
             axes[1].fill_between(t, -2e3 * sigma, 2e3 * sigma, color=QUIET, alpha=0.35, lw=0, label="±2σ")
             axes[1].set(ylabel="measured − model [mm]")
-        draw_beside(axes, rod, simulation, "model", size=3, line=".-", ms=2, lw=0.6)
+        draw_beside(list(axes), rod, simulation, "model", size=3, line=".-", ms=2, lw=0.6)
         if simulation:
             axes[1].legend(loc="upper right")
         if actuation and actuation.moves:
@@ -216,37 +229,28 @@ def bed_picture(bed: BedHeight, image: BedImage) -> BedPicture:
 @stage(version=3, picture=True)
 def fit_picture(fits: Fits, rod: RodMotion | None, column: Column | None, flow: Flow | None) -> FitPicture:
     """The fits beside the data they were made on."""
-    panels: list[Panel] = []
+    panels: list[Callable[[Axes], None]] = []
     if column is not None:
-        panels += COLUMN_PANELS
-    if flow is not None and fits.known("cone_slope_kg_m"):
-        panels.append(draw_cone)
+        panels += [partial(draw, fits=fits, column=column) for draw in COLUMN_PANELS]
+        if flow is not None and fits.determined("cone_slope_kg_m"):
+            panels.append(partial(draw_cone, fits=fits, column=column, flow=flow))
     if rod is not None and fits.get("ring_start_s"):
-        panels.append(draw_ring)
+        panels.append(partial(draw_ring, fits=fits, rod=rod))
     if not panels:
         raise NotApplicable(["fit_picture needs a ring-down or a grain film"])
     with styled() as Figure:
         figure = Figure(figsize=(3.1 * len(panels) + 0.4, 3.2), layout="constrained")
         for axis, draw in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
-            draw(axis, fits, Data(rod, column, flow))
+            draw(axis)
         return FitPicture(png(figure))
 
 
-class Data(NamedTuple):
-    """What fits are drawn beside; a panel is drawn only where there is what it needs."""
-
-    rod: Any = None
-    column: Any = None
-    flow: Any = None
-
-
-Panel = Callable[[Any, Fits, Data], None]
 RING = ("frequency_hz", "zeta", "ring_amplitude_m", "ring_offset_m", "ring_phase_rad", "ring_start_s", "ring_stop_s")
 
 
-def draw_ring(axis: Any, fits: Fits, of: Data) -> None:
+def draw_ring(axis: Axes, fits: Fits, rod: RodMotion) -> None:
     """The ring-down after the last landing and its damped cosine."""
-    t, h, _ = of.rod.arrays
+    t, h, _ = rod.arrays
     f, zeta, a, offset, phase, start, stop = (fits[k].value for k in RING)
     w = (t >= start) & (t <= stop)
     axis.plot(t[w], (h[w] - offset) * 1e3, ".", ms=3, color=MEASURED, label="measured")
@@ -258,9 +262,9 @@ def draw_ring(axis: Any, fits: Fits, of: Data) -> None:
     axis.set(title=rf"ring-down {f:.3f} Hz, $\zeta$ = {zeta:.4f}", xlabel="time [s]", ylabel="height [mm]")
 
 
-def draw_profile(axis: Any, fits: Fits, of: Data) -> None:
+def draw_profile(axis: Axes, fits: Fits, column: Column) -> None:
     """Speed below the foot at the frame with the fastest foot, and the exponential a^(z+b)."""
-    c = of.column.field
+    c = column.field
     i = (
         int(np.nanargmax(np.where(np.isfinite(c.beta_deg), c.max_speed, np.nan)))
         if np.isfinite(c.beta_deg).any()
@@ -275,7 +279,7 @@ def draw_profile(axis: Any, fits: Fits, of: Data) -> None:
     axis.plot(
         line * 1e3, np.minimum(np.exp(float(c.log_a[i]) * (line + float(c.b[i]))), 1.0), color=MODEL, label="$a^{z+b}$"
     )
-    axis.axhline(float(of.column.geometry.front), color=QUIET, lw=0.8, ls="--", label="jammed above")
+    axis.axhline(float(column.geometry.front), color=QUIET, lw=0.8, ls="--", label="jammed above")
     axis.set_xlim(0)
     axis.set(
         title=f"central column, t = {float(c.t[i]):.3f} s", xlabel="z below the foot [mm]", ylabel="speed / largest"
@@ -283,52 +287,49 @@ def draw_profile(axis: Any, fits: Fits, of: Data) -> None:
     axis.legend()
 
 
-def draw_beta(axis: Any, fits: Fits, of: Data) -> None:
+def draw_beta(axis: Axes, fits: Fits, column: Column) -> None:
     """beta against the foot's depth."""
-    c = of.column.field
+    c = column.field
     axis.errorbar(c.foot_depth * 1e3, c.beta_deg, c.beta_deg_sigma, fmt=".", lw=0.7, color=MEASURED)
-    if b := fits.known("beta_deg"):
+    if b := fits.determined("beta_deg"):
         axis.axhline(b.value, color=MODEL, label=f"mean {measured(b.value, b.sigma)}°")
         axis.legend(loc="upper center")  # least certain where the foot is slow: at the ends
     axis.margins(y=0.2)
     axis.set(title=r"$\beta = \arcsin a^{\Delta z}$", xlabel="foot depth [mm]", ylabel=r"$\beta$ [°]")
 
 
-def draw_front(axis: Any, fits: Fits, of: Data) -> None:
+def draw_front(axis: Axes, fits: Fits, column: Column) -> None:
     """Thickness of the jammed layer against the foot's depth; the slope is mu."""
-    c = of.column.field
+    c = column.field
     x = c.foot_depth.values * 1e3
     axis.errorbar(x, c.jammed_thickness * 1e3, c.jammed_thickness_sigma * 1e3, fmt=".", lw=0.7, color=MEASURED)
     mu, cut = fits.get("mu"), fits.get("mu_intercept_m")
     if mu and cut and mu.known and np.isfinite(x).any():
         line = np.array([np.nanmin(x), np.nanmax(x)])
         axis.plot(
-            line,
-            mu.value * line + cut.value * 1e3,
-            color=MODEL,
-            label=rf"$\mu$ = {measured(mu.value, mu.sigma)}",
+            line, mu.value * line + cut.value * 1e3, color=MODEL, label=rf"$\mu$ = {measured(mu.value, mu.sigma)}"
         )
         axis.legend()
     axis.set(title="jammed front", xlabel="foot depth [mm]", ylabel="thickness [mm]")
 
 
-def draw_theta(axis: Any, fits: Fits, of: Data) -> None:
+def draw_theta(axis: Axes, fits: Fits, column: Column) -> None:
     """Angle of the cone's side and of the bands of shear against the foot's depth."""
-    c = of.column.field
+    c = column.field
     for name, color, mark, label in (
         ("theta_bands_deg", QUIET, "x", "bands of shear"),
         ("theta_deg", MEASURED, ".", "side of the cone"),
     ):
         axis.errorbar(c.foot_depth * 1e3, c[name], c[f"{name}_sigma"], fmt=mark, lw=0.7, ms=4, color=color, label=label)
-    if theta := fits.known("theta_deg"):
+    if theta := fits.determined("theta_deg"):
         axis.axhline(theta.value, color=MODEL, label=f"mean {measured(theta.value, theta.sigma)}°")
     axis.legend()
     axis.set(title=r"$\theta$ of the cone", xlabel="foot depth [mm]", ylabel=r"$\theta$ [°]", ylim=(30, 90))
 
 
-def draw_cone(axis: Any, fits: Fits, of: Data) -> None:
+def draw_cone(axis: Axes, fits: Fits, column: Column, flow: Flow) -> None:
     """Added mass against depth and the saturating cone (33)."""
-    f = of.flow.field
+    f = flow.field
     z = f.foot_depth.values
     sinks = np.gradient(z) > 0.0 if len(z) > 1 else np.ones(len(z), bool)
     for which, color, mark, label in ((sinks, MEASURED, ".", "foot sinks"), (~sinks, QUIET, "x", "foot rises")):
@@ -337,14 +338,14 @@ def draw_cone(axis: Any, fits: Fits, of: Data) -> None:
             axis.errorbar(z[which] * 1e3, mass, sigma, fmt=mark, lw=0.7, ms=4, color=color, label=label)
     line = np.linspace(0.0, np.nanmax(z[np.isfinite(f.added_mass.values)]), 100)
     slope, narrowing = fits["cone_slope_kg_m"].value, fits["mu_over_tan_theta"].value
-    c, R = fits["C"], of.column.geometry.foot_radius_m
+    c, R = fits["C"], column.geometry.foot_radius_m
     label = f"$C$ = {measured(c.value, c.sigma)}" if c.known else "cone"
     axis.plot(line * 1e3, mass_curve(line, slope, narrowing, R) * 1e3, color=GREEN, label=label)
     axis.legend()
     axis.set(title="added mass and cone", xlabel="foot depth [mm]", ylabel="$m_a$ [g]")
 
 
-def draw_sides(axis: Any, column: Any, i: int) -> None:
+def draw_sides(axis: Axes, column: xr.Dataset, i: int) -> None:
     """Ridges of the shear rate, outline and its straight sides, over a map of frame i in mm (Fig. 52b)."""
     c = column.isel(t=i)
     face = float(c.depth[0] + c.y[0])

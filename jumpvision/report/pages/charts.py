@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NotRequired, TypedDict, Unpack
+from typing import Any, NamedTuple, NotRequired, TypedDict, Unpack
 
 import numpy as np
 
+from jumpvision.base.arrays import Array
 from jumpvision.engine.detect import LEVEL
-from jumpvision.experiment.results.diagnosis import Diagnosis
-from jumpvision.experiment.results.findings import Cell, Gain
+from jumpvision.engine.document.diagnosis import Diagnosis
+from jumpvision.engine.document.values import Cell, Gain
+from jumpvision.experiment.results.summary import JumpRow
 from jumpvision.experiment.results.values import Fits
 from jumpvision.jumper.question.jumps import PARTS
 from jumpvision.report.figures.diagnosis import beyond
@@ -144,14 +146,9 @@ def chart(title: str, panels: Sequence[Panel], note: str = "", *, stacked: bool 
     return {"title": title, "note": note, "panels": list(panels), "stacked": stacked}
 
 
-def column(rows: Sequence[Mapping[str, Any]], name: str, factor: float = 1.0) -> Any:
-    """One column of a table as an array; NaN where unknown."""
-    return np.array([np.nan if r.get(name) is None else r[name] for r in rows], float) * factor
-
-
-def names(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """The experiments' names."""
-    return [str(r["experiment"]) for r in rows]
+def numbered(values: Sequence[float | None]) -> Array:
+    """An array (n,), NaN where unknown."""
+    return np.array(values, float)
 
 
 def json_of(file: Path) -> dict[str, Any]:
@@ -164,37 +161,45 @@ def fits_of(results: Path) -> Fits:
     return Fits.load(results) if (results / Fits.file).exists() else Fits({})
 
 
-ALONG = {
-    "frequency_hz": ("frequency", "Hz", 1.0),
-    "delay_s": ("delay", "ms", 1e3),
-    "volume_fraction": ("volume fraction", "", 1.0),
-}
+class Along(NamedTuple):
+    """What heights are drawn along."""
+
+    label: str
+    unit: str
+    factor: float
+    of: Callable[[JumpRow], float | None]
 
 
-def heights_chart(rows: Sequence[Mapping[str, Any]], diagnosis: Diagnosis | None = None) -> Chart | None:
+ALONG = (
+    Along("frequency", "Hz", 1.0, lambda r: r.frequency),
+    Along("delay", "ms", 1e3, lambda r: r.delay),
+    Along("volume fraction", "", 1.0, lambda r: r.summary.volume_fraction.value),
+)
+
+
+def heights_chart(rows: Sequence[JumpRow], diagnosis: Diagnosis | None = None) -> Chart | None:
     """Jump heights by kind along what varies most, measured, simulated and, where the diagnosis has one, extended."""
-    known = [r for r in rows if r.get("jump_height_m") is not None]
-    if not known:
+    known = [r for r in rows if r.summary.jump_height.value is not None]
+    label, unit, factor, of = max(
+        ALONG, key=lambda a: len({round(at, 2) for r in known if (at := a.of(r)) is not None})
+    )
+    placed = sorted(((at, r) for r in known if (at := of(r)) is not None), key=lambda p: p[0])
+    if not placed:
         return None
-    counts = {k: len({round(r[k], 2) for r in known if r.get(k) is not None}) for k in ALONG}
-    along = max(counts, key=lambda k: counts[k])
-    known = [r for r in known if r.get(along) is not None]
-    if not known:
-        return None
-    label, unit, factor = ALONG[along]
     asked = {h.experiment: h for h in diagnosis.heights} if diagnosis else {}  # apexes after the motor's stop
     extends = any(np.isfinite(h.extended_m) for h in asked.values())
     left, right = [], []
     legend: list[Key] = []
-    for kind in sorted({str(r["kind"]) for r in known}):
+    for kind in sorted({str(r.kind) for _, r in placed}):
         role, mark = kind_of(kind).role, kind_of(kind).shape
         word = kind.replace("_", " ")
         legend.append({"name": word, "role": role, "mark": mark})
-        mine = sorted((r for r in known if str(r["kind"]) == kind), key=lambda r: r[along])
-        look: SeriesLook = {"mark": mark, "label": names(mine)}
-        x, measured = column(mine, along, factor), column(mine, "jump_height_m", 1e3)
-        model = column(mine, "simulated_height_m", 1e3)
-        tops = [(h.extended_m, h.measured_m) if (h := asked.get(r["experiment"])) else (np.nan, np.nan) for r in mine]
+        mine = [r for _, r in placed if str(r.kind) == kind]
+        look: SeriesLook = {"mark": mark, "label": [r.experiment for r in mine]}
+        x = numbered([of(r) for r in mine]) * factor
+        measured, sigma, _ = np.array([r.summary.jump_height.numbers for r in mine]).T * 1e3
+        model = numbered([r.summary.simulated_height for r in mine]) * 1e3
+        tops = [(h.extended_m, h.measured_m) if (h := asked.get(r.experiment)) else (np.nan, np.nan) for r in mine]
         better, reached = np.array(tops).T * 1e3
         styles: dict[str, SeriesLook] = {"model": {"hollow": True, "size": 5}, "extended model": {"size": 3}}
         for (name, style), heights, jumped in zip(styles.items(), (model, better), (measured, reached)):
@@ -205,7 +210,7 @@ def heights_chart(rows: Sequence[Mapping[str, Any]], diagnosis: Diagnosis | None
             how = {**look, **styles["model"], "tags": [word, "model"], "joined": True}
             left.append(series(f"{word}, model", role, x, model, **how))
         how = {**look, "tags": [word, "measured"]}
-        left.append(series(f"{word}, measured", role, x, measured, column(mine, "sigma_m", 1e3), **how))
+        left.append(series(f"{word}, measured", role, x, measured, sigma, **how))
     panels = [panel(f"against {label}", axis(label, unit), axis("jump height", "mm", zero=True), left, share=1.5)]
     if right:
         both = axis("model", "mm", zero=True), axis("measured", "mm", zero=True)

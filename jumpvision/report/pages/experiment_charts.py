@@ -54,7 +54,7 @@ def jump_chart(results: Path, law: Any = None) -> Chart | None:
 def apex_of(results: Path) -> list[Series]:
     """The apex that the jump height is of, where the fit found one."""
     fits = fits_of(results)
-    height, time = fits.known("jump_height_m"), fits.get("apex_time_s")
+    height, time = fits.determined("jump_height_m"), fits.get("apex_time_s")
     if height is None or time is None or not np.isfinite(time.value):
         return []
     at = [time.value], [height.value * 1e3], [height.sigma * 1e3]
@@ -109,7 +109,7 @@ def grains_chart(results: Path) -> Chart | None:
         front, front_sigma = c.jammed_thickness.values * 1e3, c.jammed_thickness_sigma.values * 1e3
     else:
         front = front_sigma = np.full(t.size, np.nan)
-    slope, narrowing = fits.known("cone_slope_kg_m"), fits.known("mu_over_tan_theta")
+    slope, narrowing = fits.determined("cone_slope_kg_m"), fits.determined("mu_over_tan_theta")
     if slope and narrowing and np.isfinite(radius) and np.isfinite(mass).any():
         line = np.linspace(0.0, np.nanmax(depth[np.isfinite(mass)]), 80)
         shown.append(
@@ -127,7 +127,7 @@ def grains_chart(results: Path) -> Chart | None:
     )
     if np.isfinite(front).any():
         shown = [series("measured", "measured", depth, front, front_sigma, size=3)]
-        mu, cut = fits.known("mu"), fits.known("mu_intercept_m")
+        mu, cut = fits.determined("mu"), fits.determined("mu_intercept_m")
         if mu and cut:
             ends = np.array([np.nanmin(depth), np.nanmax(depth)])
             shown.append(series("slope μ", "model", ends, mu.value * ends + cut.value * 1e3, kind="line"))
@@ -149,17 +149,14 @@ def intrusion_chart(results: Path) -> Chart | None:
     intrusion = Intrusion.load(results)
     v, profile = intrusion.values, intrusion.values["profile"]
     every = -(-len(profile["depth_m"]) // MOST)
-    p = {k: np.array(a, float)[::every] for k, a in profile.items() if k in ("depth_m", "force_N", "fitted_N")}
-    z = p["depth_m"] * 1e3
-    shown = [
-        series("measured", "measured", z, p["force_N"], size=2),
-        series("fit", "model", z, p["fitted_N"], kind="line"),
-    ]
+    z, force, fitted = (np.array(profile[k], float)[::every] for k in ("depth_m", "force_N", "fitted_N"))
+    z = z * 1e3
+    shown = [series("measured", "measured", z, force, size=2), series("fit", "model", z, fitted, kind="line")]
     if v["cone"]:
         shown.append(series("RFT cone", "green", z, np.array(v["cone"]["force_N"])[::every], kind="line", dash=True))
-    delta = intrusion.fits.known("delta")
+    delta = intrusion.fits.determined("delta")
     rules: list[Rule] = [{"x": delta.value * 1e3}] if delta else []
-    depth, left = axis("depth below the surface", "mm"), p["force_N"] - p["fitted_N"]
+    depth, left = axis("depth below the surface", "mm"), force - fitted
     panels = [
         panel("force against depth", depth, axis("force", "N", zero=True), shown, rules=rules),
         panel(

@@ -1,6 +1,6 @@
 """report.html: self-contained pages without network, one for each experiment and one for the campaign.
 
-The campaign's page holds what only the campaign shows and links to the experiments' pages. `made` says when they are
+The campaign's page holds what only the campaign shows and links to the experiments' pages. `report` says when they are
 written.
 """
 
@@ -15,6 +15,7 @@ from typing import Any
 
 from jumpvision import __version__
 from jumpvision.base.storage import write_aside
+from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.estimate.estimate import Estimate
 from jumpvision.experiment import files
 from jumpvision.experiment.campaign.truth import (
@@ -23,17 +24,16 @@ from jumpvision.experiment.campaign.truth import (
     coverage_words,
     details,
     overview,
-    true_parameters,
 )
 from jumpvision.experiment.inputs.experiment import Campaign
-from jumpvision.experiment.results.diagnosis import Diagnosis, strength
+from jumpvision.experiment.results.summary import JumpRow
 from jumpvision.experiment.results.values import Fits, Intrusion
 from jumpvision.experiment.workflow.run import Outcome
-from jumpvision.jumper.mechanisms.registry import PARAMETERS
 
 from .charts import diagnosis_charts, fits_of, heights_chart, json_of
 from .experiment_charts import experiment_charts, whole_disc
-from .quantities import HALF, WHOLE, fit_rows, mechanism_words, small, typeset
+from .quantities import HALF, WHOLE, fit_rows, typeset
+from .verdict import VerdictShown, causes_shown, detectable_shown
 from .words import campaign_words, drawing, experiment_words, film, inline, noise_words, poster, preview
 
 PICTURES = {  # file: (heading, what it shows)
@@ -65,7 +65,7 @@ MADE_FROM = '<meta name="made-from" content="{}">'  # at the head of a page: the
 def write_campaign(
     campaign: Campaign,
     outcomes: list[Outcome],
-    rows: list[dict[str, Any]],
+    rows: list[JumpRow],
     results: Path,
     diagnosis: Diagnosis | None,
     key: str,
@@ -75,7 +75,6 @@ def write_campaign(
     from jumpvision.experiment.campaign.measured.craters import measured_in, zero_crossing
     from jumpvision.experiment.campaign.measured.intrusions import intrusion_laws, slow_intrusions
     from jumpvision.report.figures.bed import critical
-    from jumpvision.report.figures.diagnosis import discovered_law
     from jumpvision.report.figures.logs import actuator, resistances
 
     craters = measured_in(outcomes)
@@ -100,14 +99,7 @@ def write_campaign(
         facts=facts,
         heights=heights,
         charts=diagnosis_charts(diagnosis),
-        diagnosis=inline((results / files.PICTURE).read_bytes())
-        if diagnosis and (results / files.PICTURE).exists()
-        else None,
-        law=drawing(discovered_law, diagnosis.discovered) if diagnosis and diagnosis.discovered else None,
-        causes=causes_shown(diagnosis, truth) if diagnosis else [],
-        synthetic=truth is not None,
-        detectable=detectable_shown(diagnosis) if diagnosis else [],
-        beside=typeset_rows(confirmation_rows(diagnosis, campaign)) if diagnosis else [],
+        verdict=verdict_shown(campaign, diagnosis, truth, results / files.PICTURE) if diagnosis else None,
         noise=noise_words(diagnosis.noise) if diagnosis else "",
         confirmed=diagnosis.confirmed if diagnosis else None,
         model=diagnosis,
@@ -133,6 +125,22 @@ def write_campaign(
     write_aside(results / files.REPORT, text)
 
 
+def verdict_shown(campaign: Campaign, d: Diagnosis, truth: Truth | None, picture: Path) -> VerdictShown:
+    """All that the verdict on a campaign rests on."""
+    from jumpvision.report.figures.diagnosis import discovered_law
+
+    return VerdictShown(
+        causes_shown(d, truth),
+        detectable_shown(d),
+        typeset_rows(confirmation_rows(d, campaign)),
+        "jumps",
+        "films or tests",
+        picture=inline(picture.read_bytes()) if picture.exists() else None,
+        law=drawing(discovered_law, d.discovered) if d.discovered else None,
+        synthetic=truth is not None,
+    )
+
+
 def typeset_rows(rows: list[dict[str, str]]) -> list[dict[str, str]]:
     """Rows as a page shows them; names of experiments stay."""
     kept = ("experiment", "source")
@@ -146,33 +154,6 @@ def filmed_foot(rows: list[dict[str, str]], outcomes: list[Outcome]) -> list[dic
     return [
         r | {"quantity": r["quantity"].replace(mass, f"{mass} ({WHOLE if whole[r['experiment']] else HALF})")}
         for r in rows
-    ]
-
-
-def detectable_shown(d: Diagnosis) -> list[dict[str, str]]:
-    """Rows: what is not named, and the strength from which it would have shown."""
-    return [
-        {
-            "mechanism": mechanism_words(x.mechanism),
-            "from": typeset(strength(x.value)) if x.unit == "1" else small(x.value, x.unit),
-        }
-        for x in d.detectable
-        if math.isfinite(x.value)
-    ]
-
-
-def causes_shown(diagnosis: Diagnosis, truth: Truth | None) -> list[dict[str, str]]:
-    """A row a model that was tried, with its true parameters where it is the named one and they are stated."""
-    return [
-        {
-            "mechanism": " and ".join(mechanism_words(m) for m in c.mechanisms),
-            "probability": "< 0.001" if c.probability < 5e-4 else f"{c.probability:.3f}",
-            "gain": typeset(f"{c.delta_score:.3g}"),
-            "words": typeset(c.words),
-            "meanings": typeset("; ".join(f"{n}: {PARAMETERS[n].meaning}" for n in c.parameters if n in PARAMETERS)),
-            "true": typeset(true_parameters(c, truth)) if truth and diagnosis.names(c) else "",
-        }
-        for c in diagnosis.models
     ]
 
 

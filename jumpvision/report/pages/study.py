@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from pathlib import Path
 
 from jumpvision import __version__
 from jumpvision.base.storage import write_aside
+from jumpvision.engine.document.diagnosis import Diagnosis
+from jumpvision.engine.document.sentence import plus_minus
 from jumpvision.experiment import files
-from jumpvision.experiment.results.diagnosis import Diagnosis
 from jumpvision.report.figures.diagnosis import study_picture
 
 from .page import static, template
+from .quantities import typeset
+from .verdict import VerdictShown, causes_shown, detectable_shown
 from .words import inline
+
+FAILED = 10  # runs that are listed
 
 
 def write_study(d: Diagnosis, folder: Path, title: str, *, pictures: bool = True) -> list[Path]:
@@ -32,16 +36,21 @@ def write_study(d: Diagnosis, folder: Path, title: str, *, pictures: bool = True
 
 def page(d: Diagnosis, png: bytes, title: str) -> str:
     """The page."""
-    return template("sweep.html.j2").render(
+    runs = d.runs
+    return template("study.html.j2").render(
         style=static("page.css"),
         script=static("plot.js") + static("page.js"),
         title=title,
         version=__version__,
         sentence=d.sentence,
+        confirmed=d.confirmed,
+        warnings=d.noise.warnings,
         facts=facts(d),
-        charts=[],
-        figure=inline(png),
-        attributes=attributes(d),
+        next=f"Next experiment: {n.words} separates {' from '.join(n.separates)}." if (n := d.next_experiment) else "",
+        verdict=VerdictShown(causes_shown(d), detectable_shown(d), measured_rows(d), picture=inline(png)),
+        fitted=[{"parameter": n, "value": typeset(str(p))} for n, p in (d.fitted or {}).items()],
+        runs=f"{runs.made} simulations made, {runs.kept} kept from before, {runs.seconds:.3g} s" if runs else "",
+        failures=runs.failures[:FAILED] if runs else (),
     )
 
 
@@ -57,12 +66,15 @@ def facts(d: Diagnosis) -> list[tuple[str, str, str]]:
     return out
 
 
-def attributes(d: Diagnosis) -> Mapping[str, str]:
-    """Everything else that a reader looks up, by name."""
-    rows = {f"{p:.3f}  {m}": w for m, p, w in ((" + ".join(c.mechanisms), c.probability, c.words) for c in d.models)}
-    rows |= {f"fitted: {n}": str(p) for n, p in (d.fitted or {}).items()}
-    rows |= {f"warning {k}": w for k, w in enumerate(d.noise.warnings, 1)}
-    if d.runs:
-        rows["simulations"] = f"{d.runs.made} made, {d.runs.kept} kept from before, {d.runs.seconds:.3g} s"
-        rows |= {f"failed run {k}": w for k, w in enumerate(d.runs.failures[:10], 1)}
-    return rows
+def measured_rows(d: Diagnosis) -> list[dict[str, str]]:
+    """What else was measured, and by the recordings alone."""
+    return [
+        {
+            "quantity": r.quantity,
+            "by": r.source,
+            "measured": typeset(plus_minus(r.by_film, r.by_film_sigma)),
+            "recordings alone": typeset(plus_minus(r.by_jumps, r.by_jumps_sigma)),
+            "apart": f"{abs(r.z):.1f} sigma",
+        }
+        for r in d.confirmation
+    ]

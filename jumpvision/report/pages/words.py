@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from jumpvision.base.arrays import measured
+from jumpvision.engine.document.diagnosis import Diagnosis
+from jumpvision.engine.document.values import Noise
 from jumpvision.estimate.crater import ZeroCrossing
-from jumpvision.experiment.results.diagnosis import Diagnosis
-from jumpvision.experiment.results.findings import Noise
+from jumpvision.experiment.results.summary import JumpRow, Summary
 from jumpvision.experiment.results.values import Fits
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
 
-from .charts import column
+from .charts import numbered
 from .quantities import HALF, WHOLE
 
 Numbers = list[tuple[str, str, str]]  # value, unit, what it is
@@ -25,12 +26,12 @@ SHOWN = 3
 
 
 def campaign_words(
-    rows: Sequence[Mapping[str, Any]], diagnosis: Diagnosis | None, craters: ZeroCrossing | None, intruded: int
+    rows: Sequence[JumpRow], diagnosis: Diagnosis | None, craters: ZeroCrossing | None, intruded: int
 ) -> tuple[str, Numbers]:
     """(sentence, numbers) of a campaign; the diagnosis' sentence where there is one."""
-    jumped = [r for r in rows if r.get("jump_height_m") is not None]
-    h, s = column(jumped, "jump_height_m", 1e3), column(jumped, "sigma_m", 1e3)
-    model = column(jumped, "simulated_height_m", 1e3)
+    jumped = [r for r in rows if r.summary.jump_height.value is not None]
+    h, s, _ = np.reshape([r.summary.jump_height.numbers for r in jumped], (-1, 3)).T * 1e3
+    model = numbered([r.summary.simulated_height for r in jumped]) * 1e3
     if diagnosis:
         facts = [(f"{1e3 * diagnosis.baseline.rmse_height_m:.3g}", "mm", "error of the simulated heights, rms")]
         if g := diagnosis.gain:
@@ -44,7 +45,7 @@ def campaign_words(
         return diagnosis.sentence, facts
     if jumped:
         text = f"{len(jumped)} jumps, {h.min():.3g} to {h.max():.3g} mm high"
-        facts = [(f"{h.max():.4g}", "mm", f"highest jump: {jumped[int(h.argmax())]['experiment']}")]
+        facts = [(f"{h.max():.4g}", "mm", f"highest jump: {jumped[int(h.argmax())].experiment}")]
         if np.isfinite(s).any():
             facts.append((f"{np.nanmedian(s):.2g}", "mm", "median standard uncertainty of a height"))
         if np.isfinite(model).any():
@@ -57,7 +58,7 @@ def campaign_words(
         return f"Craters neither swell nor shrink at a volume fraction of {value}.", [
             (value, "", "critical packing φ_c")
         ]
-    done = sum(not r.get("problem") for r in rows)
+    done = sum(not r.problem for r in rows)
     what = f"{intruded} slow intrusions" if intruded else f"{done} experiments"
     return f"{what} analysed.", []
 
@@ -75,19 +76,19 @@ def noise_words(noise: Noise) -> str:
 SOURCES = {"stated": "stated", "rest": "at rest", "flight": "in flight", "repeats": "between repeats"}
 
 
-def experiment_words(kind: Any, summary: Mapping[str, Any], fits: Fits, *, whole: bool = False) -> tuple[str, Numbers]:
+def experiment_words(kind: Any, summary: Summary, fits: Fits, *, whole: bool = False) -> tuple[str, Numbers]:
     """(sentence, numbers) of one experiment. kind: its [actuation], or None; whole: the film shows a whole foot."""
-    h, model = summary.get("jump_height_m"), summary.get("simulated_height_m")
+    (h, sigma, _), model = summary.jump_height, summary.simulated_height
     facts: Numbers = []
     text = ""
     if h is not None:
-        height = measured(h, summary.get("sigma_m"), 1e3)
+        height = measured(h, sigma, 1e3)
         what = f"{kind.kind.replace('_', ' ')} jump" if kind is not None and kind.moves else "jump"
         at = f" at {kind.frequency:g} Hz" if kind is not None and kind.frequency else ""
         text = f"A {what}{at} rose {height} mm"
         facts.append((height, "mm", "jump height above rest, measured"))
         if model is not None:
-            off, sigma = 1e3 * (model - h), summary.get("sigma_m")
+            off = 1e3 * (model - h)
             same = sigma is not None and abs(model - h) <= 2.0 * sigma
             far = f"{abs(off):.3g} mm too {'high' if off > 0 else 'low'}"
             text += f"; the model says {1e3 * model:.4g} mm, {'the same within 2σ' if same else far}"
@@ -95,17 +96,11 @@ def experiment_words(kind: Any, summary: Mapping[str, Any], fits: Fits, *, whole
             facts.append((gap.replace("-", "−"), "mm", "model − measured"))
         text += "."
     for name, label, unit, factor in OTHERS:
-        if fit := fits.known(name):
+        if fit := fits.determined(name):
             foot = f" ({WHOLE if whole else HALF})" if name == "added_mass_kg" else ""
             facts.append((measured(fit.value, fit.sigma, factor), unit, label + foot))
-    if summary.get("volume_fraction") is not None:
-        facts.append(
-            (
-                measured(summary["volume_fraction"], summary.get("sigma_volume_fraction")),
-                "",
-                "volume fraction φ of the bed",
-            )
-        )
+    if (phi := summary.volume_fraction).value is not None:
+        facts.append((measured(phi.value, phi.sigma), "", "volume fraction φ of the bed"))
     if not text and facts:
         value, unit, label = facts[0]
         text = f"{label[0].upper()}{label[1:]}: {value} {unit}".rstrip() + "."

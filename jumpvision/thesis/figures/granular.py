@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 
 from jumpvision.experiment.results.fields import attributes_of, unit_of
-from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET
+from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, NewFigure
 from jumpvision.thesis.figures.sweeps import figure_of
 from jumpvision.thesis.studies.sand import beds, models
 from jumpvision.thesis.studies.sand import drag_fit as measured
 from jumpvision.thesis.studies.sand import packing as prepared
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 TYPE = {"single": (MEASURED, "o"), "stutter": (MODEL, "s"), "delayed stutter": (GREEN, "^")}
 FORCE = {  # force model: colour, line
@@ -27,7 +30,7 @@ HEIGHT = "jump height [mm]"
 
 
 @figure_of(beds.height_phi)
-def height_phi(data: xr.Dataset, Figure: Any) -> Any:
+def height_phi(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """The map of heights, and the best height and its frequency against packing."""
     figure = Figure(figsize=(9.6, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.2, 1))
@@ -48,7 +51,7 @@ def height_phi(data: xr.Dataset, Figure: Any) -> Any:
 
 
 @figure_of(beds.jump_types)
-def jump_types(data: xr.Dataset, Figure: Any) -> Any:
+def jump_types(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """Types against packing, the cone and the older model; heights from after the hop; the fitted drag."""
     figure = Figure(figsize=(10.6, 3.8), layout="constrained")
     left, middle, right = figure.subplots(1, 3, width_ratios=(1.5, 1.1, 1))
@@ -76,7 +79,7 @@ def jump_types(data: xr.Dataset, Figure: Any) -> Any:
 
 
 @figure_of(beds.delay)
-def delay(data: xr.Dataset, Figure: Any) -> Any:
+def delay(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """Heights against delay."""
     figure = Figure(figsize=(8.4, 3.6), layout="constrained")
     axis = figure.subplots()
@@ -93,7 +96,7 @@ def delay(data: xr.Dataset, Figure: Any) -> Any:
 
 
 @figure_of(models.alpha_fit)
-def alpha_fit(data: xr.Dataset, Figure: Any) -> Any:
+def alpha_fit(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """Heights with constant drags, and the fitted drag against packing."""
     import matplotlib as mpl
 
@@ -116,7 +119,7 @@ def alpha_fit(data: xr.Dataset, Figure: Any) -> Any:
 
 
 @figure_of(models.force_models)
-def force_models(data: xr.Dataset, Figure: Any) -> Any:
+def force_models(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """Motion with the cone, spring force with every force model, and what it comes to."""
     figure = Figure(figsize=(10.6, 6.2), layout="constrained")
     (motion, push), (feet, bars) = figure.subplots(2, 2)
@@ -153,13 +156,13 @@ def force_models(data: xr.Dataset, Figure: Any) -> Any:
 
 
 @figure_of(models.drag_scale)
-def drag_scale(data: xr.Dataset, Figure: Any) -> Any:
+def drag_scale(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """Heights with b scaled and without added mass, loose and dense."""
     n = data.sizes["phi"]
     figure = Figure(figsize=(9.6, 3.1 * n), layout="constrained")
     axes = figure.subplots(n, 2, squeeze=False, sharex=True)
-    for i, j in np.ndindex(n, 2):
-        axis, one = axes[i, j], data.isel(phi=i, jump=j)
+    for (i, j), axis in np.ndenumerate(axes):
+        one = data.isel(phi=i, jump=j)
         for scale, line in zip(data.scale.values, (":", "-", "--")):
             axis.plot(
                 data.frequency, one.scaled_height_m.sel(scale=scale) * 1e3, line, color=MODEL, label=f"{scale:g} b"
@@ -173,7 +176,7 @@ def drag_scale(data: xr.Dataset, Figure: Any) -> Any:
 
 
 @figure_of(beds.foot_radius)
-def foot_radius(data: xr.Dataset, Figure: Any) -> Any:
+def foot_radius(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """Best heights, and drag and added mass against the radius."""
     figure = Figure(figsize=(9.6, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2)
@@ -195,7 +198,7 @@ def foot_radius(data: xr.Dataset, Figure: Any) -> Any:
 
 
 @figure_of(measured.drag_fit)
-def drag_fit(data: xr.Dataset, Figure: Any) -> Any:
+def drag_fit(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """The drag fitted to the measured jumps of every packing, and those jumps."""
     figure = Figure(figsize=(9.6, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2)
@@ -212,7 +215,7 @@ def drag_fit(data: xr.Dataset, Figure: Any) -> Any:
 
 
 @figure_of(prepared.packing)
-def packing(data: xr.Dataset, Figure: Any) -> Any:
+def packing(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """The beds and the law of each setting, with its uncertainty."""
     figure = Figure(figsize=(6.4, 4.2), layout="constrained")
     axis = figure.subplots()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -16,6 +16,9 @@ from jumpvision.report.style import ACCENT, MEASURED, MODEL, QUIET, styled
 from jumpvision.thesis.studies.sand.discs import CONSTANT, DiscBed, DiscNumbers
 from jumpvision.thesis.studies.sand.feet import Foot
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 SHOWN = 0.25, 0.6, 1.0  # of the stroke
 
 
@@ -24,7 +27,7 @@ def disc_picture(runs: Sequence[xr.Dataset], bed: DiscBed, numbers: DiscNumbers)
     data = runs[0]
     with styled() as Figure:
         figure = Figure(figsize=(10.0, 6.4), layout="constrained")
-        top, below = figure.subfigures(2, 1, height_ratios=(1.5, 1))
+        (top,), (below,) = figure.subfigures(2, 1, squeeze=False, height_ratios=(1.5, 1))
         axes = top.subplots(1, len(SHOWN), sharey=True)
         for axis, share in zip(axes, SHOWN):
             cells = draw_discs(axis, data, bed, round(share * (data.sizes["t"] - 1)))
@@ -41,19 +44,21 @@ def disc_picture(runs: Sequence[xr.Dataset], bed: DiscBed, numbers: DiscNumbers)
         left.set(title="front below the face", ylabel="[mm]")
         middle.axhline(60.0, color=QUIET, lw=0.8, ls="--")
         middle.axvspan(1e3 * CONSTANT * bed.stroke, 1e3 * bed.stroke, color=QUIET, alpha=0.15, lw=0)
-        middle.set(title=f"θ = {told(numbers.theta_deg, numbers.theta_sigma_deg)}°", ylabel="angle of the sides [°]")
+        middle.set(
+            title=f"θ = {with_sigma(numbers.theta_deg, numbers.theta_sigma_deg)}°", ylabel="angle of the sides [°]"
+        )
         right.set(title="added mass; the plug alone (orange)", ylabel="[kg]", ylim=(0.0, None))
         for axis in (left, middle, right):
             axis.set_xlabel("depth of the foot [mm]")
         return png(figure)
 
 
-def told(value: float, sigma: float) -> str:
+def with_sigma(value: float, sigma: float) -> str:
     """A number of several beds with its sigma, of one bed alone."""
     return f"{value:.1f} ± {sigma:.1f}" if math.isfinite(sigma) else f"{value:.1f}"
 
 
-def draw_discs(axis: Any, data: xr.Dataset, bed: DiscBed, k: int) -> Any:
+def draw_discs(axis: Axes, data: xr.Dataset, bed: DiscBed, k: int) -> Any:
     """The discs near the foot at instant k, and the triangle of 60 degrees below its face."""
     from matplotlib.collections import EllipseCollection
     from matplotlib.patches import Rectangle
@@ -113,7 +118,7 @@ def foot_picture(triangles: Array, found: pd.DataFrame, foot: Foot) -> bytes:
         return png(figure)
 
 
-def curves(axis: Any, kinds: Sequence[Any], name: str) -> None:
+def curves(axis: Axes, kinds: Sequence[Any], name: str) -> None:
     """One column against depth for at most MOST pairs of angles, evenly chosen."""
     import matplotlib as mpl
 
@@ -122,7 +127,7 @@ def curves(axis: Any, kinds: Sequence[Any], name: str) -> None:
         axis.plot(1e3 * rows.depth_m, rows[name], color=color, label=f"tilt {tilt:g}°, attack {attack:g}°")
 
 
-def draw_side(axis: Any, triangles: Array) -> None:
+def draw_side(axis: Axes, triangles: Array) -> None:
     """The body seen along y, as it stands without tilt."""
     from matplotlib.collections import PolyCollection
 

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 
 from jumpvision.experiment.results.fields import attributes_of
-from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET
+from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, NewFigure
 from jumpvision.thesis.figures.sweeps import figure_of
 from jumpvision.thesis.studies import motions, thresholds
-from jumpvision.thesis.studies.compute import setting
+from jumpvision.thesis.studies.compute import origin_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 SHOWN = 130.0  # ms of flight shown after the motor stops
 
 
 @figure_of(motions.scatter)
-def scatter(data: xr.Dataset, Figure: Any) -> Any:
+def scatter(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """Standard deviation of the flight height over the map, absolute and relative."""
     import matplotlib as mpl
 
@@ -50,12 +54,12 @@ def scatter(data: xr.Dataset, Figure: Any) -> Any:
 
 
 @figure_of(motions.bifurcation)
-def bifurcation(data: xr.Dataset, Figure: Any) -> Any:
+def bifurcation(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """Apexes against frequency, up and down; number of apexes and hysteresis over (f, A)."""
     import matplotlib as mpl
 
     figure = Figure(figsize=(9.6, 7.0), layout="constrained")
-    top, bottom = figure.subfigures(2, 1, height_ratios=(1.25, 1))
+    (top,), (bottom,) = figure.subfigures(2, 1, squeeze=False, height_ratios=(1.25, 1))
     axis = top.subplots()
     for i, (color, mark) in enumerate(((MEASURED, "^"), (MODEL, "v"))):
         heights = data.apex_height_m.isel(direction=i)
@@ -73,7 +77,7 @@ def bifurcation(data: xr.Dataset, Figure: Any) -> Any:
     low = np.nanpercentile(data.apex_height_m, 1) * 1e3 if np.isfinite(data.apex_height_m).any() else 0.1
     axis.set_ylim(bottom=max(low * 0.7, 1e-2))
     axis.legend()
-    x, y = data.map_frequency / setting(data).f0_Hz, data.map_amplitude * 1e3
+    x, y = data.map_frequency / origin_of(data).f0_Hz, data.map_amplitude * 1e3
     edges = [-0.5, 0.5, 1.5, 2.5, 4.5, 8.5, 99]
     colors = mpl.colormaps["viridis"](np.linspace(0.1, 1.0, 5))
     kinds = mpl.colors.ListedColormap(["#dddddd", *colors])
@@ -104,7 +108,7 @@ def bifurcation(data: xr.Dataset, Figure: Any) -> Any:
 
 
 @figure_of(motions.traces)
-def traces(data: xr.Dataset, Figure: Any) -> Any:
+def traces(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """A column a jump: positions, velocities, forces and powers against time; grey where the rod is in the air."""
     count = min(data.sizes["case"], 6)
     figure = Figure(figsize=(2.25 * count + 0.8, 8.2), layout="constrained")
@@ -135,7 +139,7 @@ def traces(data: xr.Dataset, Figure: Any) -> Any:
         stop = 1e3 / float(one.case_frequency)
         air = one.rod_position.values > 0
         for i, (group, (factor, name)) in enumerate(zip(groups, scales)):
-            axis = axes[i, j]
+            axis: Axes = axes[i, j]
             for variable, words, color, style in group:
                 axis.plot(t, one[variable] * factor, style, color=color, lw=1.1, label=words)
             axis.fill_between(t, 0, 1, where=air, color="#e4e4e4", lw=0, transform=axis.get_xaxis_transform(), zorder=0)
@@ -168,13 +172,12 @@ def phase_name(phase: float) -> str:
 
 
 @figure_of(thresholds.least_amplitude)
-def least_amplitude(data: xr.Dataset, Figure: Any) -> Any:
+def least_amplitude(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """A_min(f): a panel a phase and number of cycles, both windows."""
     rows, columns = data.sizes["phase"], data.sizes["cycles"]
     figure = Figure(figsize=(3.9 * columns + 0.6, 1.75 * rows + 0.6), layout="constrained")
     axes = figure.subplots(rows, columns, sharex=True, sharey="col", squeeze=False)
-    for i, j in np.ndindex(rows, columns):
-        axis = axes[i, j]
+    for (i, j), axis in np.ndenumerate(axes):
         for k, (color, style) in enumerate(STYLES):
             least = data.minimum_amplitude_m.isel(phase=i, cycles=j, window=k)
             axis.plot(data.frequency_ratio, least * 1e3, style, color=color, label=str(data.window.values[k]))
@@ -194,7 +197,7 @@ def least_amplitude(data: xr.Dataset, Figure: Any) -> Any:
 
 
 @figure_of(thresholds.lift_off_time)
-def lift_off_time(data: xr.Dataset, Figure: Any) -> Any:
+def lift_off_time(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """Cycles to lift-off over (f, A), the easiest frequency against N, and against damping."""
     import matplotlib as mpl
 
@@ -249,7 +252,7 @@ def lift_off_time(data: xr.Dataset, Figure: Any) -> Any:
 
 
 @figure_of(thresholds.power_limit)
-def power_limit(data: xr.Dataset, Figure: Any) -> Any:
+def power_limit(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """Best height under a limit of the motor's power, and at which frequency and amplitude; a catapult beside them."""
     figure = Figure(figsize=(9.6, 3.6), layout="constrained")
     axes = figure.subplots(1, 3)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from jumpvision.report.figures.pictures import png
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
 from jumpvision.thesis.studies.plan import Planned, PlanNumbers
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 SHADES = {"stuck": "#00000000", "intrude": "#D5A06033", "air": "#8fc7ff33"}
 AFTER = 0.12  # s shown after the apex
@@ -60,7 +63,7 @@ def _title(n: PlanNumbers) -> str:
     return f"apex {1e3 * n.apex_m:.1f} mm on {n.ground} ground, {n.objective}"
 
 
-def _phases(axis: Any, sequence: tuple[str, ...], durations: Any) -> None:
+def _phases(axis: Axes, sequence: tuple[str, ...], durations: Any) -> None:
     ends = 1e3 * np.cumsum(durations)
     for mode, begin, end in zip(sequence, [0.0, *ends], ends):
         axis.axvspan(begin, end, color=SHADES[mode], lw=0)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import xarray as xr
 
 from jumpvision.experiment.results.fields import attributes_of
-from jumpvision.report.style import GREEN, MEASURED, MODEL, QUIET
+from jumpvision.report.style import GREEN, MEASURED, MODEL, QUIET, NewFigure
 from jumpvision.thesis.figures.sweeps import figure_of
 from jumpvision.thesis.studies import plans
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 GROUPS = {
     "rigid plan, rigid ground": (GREEN, "s"),
@@ -19,7 +22,7 @@ GROUPS = {
 
 
 @figure_of(plans.plan_heights)
-def plan_heights(data: xr.Dataset, Figure: Any) -> Any:
+def plan_heights(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """Jumped against planned heights."""
     figure = Figure(figsize=(5.6, 4.6), layout="constrained")
     axis = figure.subplots()
@@ -36,7 +39,7 @@ def plan_heights(data: xr.Dataset, Figure: Any) -> Any:
 
 
 @figure_of(plans.plan_strategies)
-def plan_strategies(data: xr.Dataset, Figure: Any) -> Any:
+def plan_strategies(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """Motor against time for every height on both grounds, and how far it travels."""
     import matplotlib as mpl
 

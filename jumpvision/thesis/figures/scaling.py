@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 
 from jumpvision.experiment.results.fields import attributes_of
-from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET
+from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, NewFigure
 from jumpvision.thesis.figures.sweeps import figure_of
 from jumpvision.thesis.studies import animals as animals_of
 from jumpvision.thesis.studies import scaling
-from jumpvision.thesis.studies.compute import setting
+from jumpvision.thesis.studies.compute import origin_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 LOOK = {"stutter": (MODEL, "-"), "single": (MEASURED, "--"), "two frequencies": (GREEN, "-.")}
 
 
-def logarithmic(axis: Any, which: str) -> None:
+def logarithmic(axis: Axes, which: str) -> None:
     """A log axis with numbers instead of powers of ten, few enough to read."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
@@ -31,7 +35,7 @@ def logarithmic(axis: Any, which: str) -> None:
 
 
 @figure_of(scaling.alpha)
-def alpha(data: xr.Dataset, Figure: Any) -> Any:
+def alpha(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """Height, power and frequency of both types; where the stutter jump is the better one; height over phase."""
     figure = Figure(figsize=(10.4, 6.4), layout="constrained")
     axes = figure.subplots(2, 3)
@@ -79,7 +83,7 @@ def alpha(data: xr.Dataset, Figure: Any) -> Any:
 
 
 @figure_of(scaling.estimates)
-def estimates(data: xr.Dataset, Figure: Any) -> Any:
+def estimates(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """Analytic estimates of the best stutter frequency against simulation."""
     figure = Figure(figsize=(6.6, 4.4), layout="constrained")
     axis = figure.subplots()
@@ -105,7 +109,7 @@ def estimates(data: xr.Dataset, Figure: Any) -> Any:
 
 
 @figure_of(animals_of.animals)
-def animals(data: xr.Dataset, Figure: Any) -> Any:
+def animals(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """Height relative to body length against body length, and the alpha it comes from."""
     figure = Figure(figsize=(8.6, 3.8), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.7, 1))
@@ -131,7 +135,7 @@ def animals(data: xr.Dataset, Figure: Any) -> Any:
 
 
 @figure_of(scaling.two_frequency)
-def two_frequency(data: xr.Dataset, Figure: Any) -> Any:
+def two_frequency(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """Height, power, efficiency and frequencies of the two-frequency stutter beside the others."""
     figure = Figure(figsize=(8.8, 6.0), layout="constrained")
     (height, power), (efficiency, freq) = figure.subplots(2, 2, sharex=True)
@@ -164,10 +168,10 @@ def two_frequency(data: xr.Dataset, Figure: Any) -> Any:
 
 
 @figure_of(scaling.height_amplitude)
-def height_amplitude(data: xr.Dataset, Figure: Any) -> Any:
+def height_amplitude(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """Maps of height / A with the best frequency (black) and the least amplitude that lifts off (white)."""
     figure = Figure(figsize=(9.6, 3.8), layout="constrained")
-    f0 = setting(data).f0_Hz or 1.0
+    f0 = origin_of(data).f0_Hz or 1.0
     for axis, kind in zip(figure.subplots(1, 2), data.jump.values):
         one = data.sel(jump=kind)
         seen = axis.pcolormesh(

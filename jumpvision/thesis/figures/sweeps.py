@@ -4,22 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
+from jumpvision.base.record import RecordError
 from jumpvision.base.schema import InputError
-from jumpvision.experiment.results import RecordError
 from jumpvision.experiment.results.fields import attributes_of
 from jumpvision.experiment.workflow.stage import import_all
-from jumpvision.report.figures.pictures import drawn
-from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, SIGNED
+from jumpvision.report.figures.pictures import png_of
+from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, SIGNED, NewFigure
 from jumpvision.thesis.studies import comparison as compared
 from jumpvision.thesis.studies import motions
 from jumpvision.thesis.studies.axes import AXES
-from jumpvision.thesis.studies.compute import setting
+from jumpvision.thesis.studies.compute import origin_of
 from jumpvision.thesis.studies.study import Study
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 # name: title, factor, unit on the figure
 SHOWN = {
@@ -35,7 +39,7 @@ DRAWN = 600  # points of an axis in a figure: more than its pixels
 COUNTED = 8  # from here numbers of jumps share a colour
 
 
-Draw = Callable[[xr.Dataset, Any], Any]  # (data set, class of a figure) -> the figure
+Draw = Callable[[xr.Dataset, NewFigure], "Figure"]  # (data set, class of a figure) -> the figure
 FIGURES: dict[str, Draw] = {}  # by the name of the study
 
 
@@ -57,7 +61,7 @@ def read_sweep(file: Path) -> xr.Dataset:
     except (OSError, ValueError) as e:
         raise InputError([f"{file}: not a NetCDF file that can be read ({e})"]) from None
     try:
-        setting(data)
+        origin_of(data)
     except RecordError as e:
         raise InputError([f"{file}: {e}; give the sweep.nc or comparison.nc of `jumpvision sweep`"]) from None
     return data
@@ -65,20 +69,20 @@ def read_sweep(file: Path) -> xr.Dataset:
 
 def picture(data: xr.Dataset) -> bytes:
     """The figure as PNG."""
-    return drawn(sweep_figure, data)
+    return png_of(sweep_figure, data)
 
 
-def sweep_figure(data: xr.Dataset, Figure: Any) -> Any:
+def sweep_figure(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """The figure of a sweep's data set."""
     if "com_height_m" in data:
         steps = {d: -(-data.sizes[d] // DRAWN) for d in data.com_height_m.dims[:2]}
         data = data.isel({d: slice(None, None, n) for d, n in steps.items()})
     import_all("jumpvision.thesis.figures")
-    return FIGURES.get(setting(data).analysis, grid)(data, Figure)
+    return FIGURES.get(origin_of(data).analysis, grid)(data, Figure)
 
 
 @figure_of(motions.grid)
-def grid(data: xr.Dataset, Figure: Any) -> Any:
+def grid(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """By the number of axes: bars of a single jump, lines, maps, or maps in rows of a third axis."""
     dims = data.com_height_m.dims
     if len(dims) == 2:
@@ -103,14 +107,14 @@ def grid(data: xr.Dataset, Figure: Any) -> Any:
 
 def _what(data: xr.Dataset, dims: Any) -> str:
     """The robot and the values that all jumps share."""
-    told = setting(data)
+    told = origin_of(data)
     constants = told.values
     law = [n for n in ("frequency", "phase", "amplitude", "cycles", "delay") if n not in dims]
     if "alpha" in data.coords and "amplitude" in law and "amplitude" not in data.coords:
         law.remove("amplitude")
     said = [(n, float(data[n]) if n in data.coords else constants[n]) for n in law]
     said += [(str(n), float(v)) for n, v in data.coords.items() if not v.ndim and n not in law]
-    words = [AXES[n].said(v, 4) for n, v in said if v or n != "delay"]
+    words = [AXES[n].text(v, 4) for n, v in said if v or n != "delay"]
     dotted = "; dotted: natural frequency" if told.ground == "hard" and told.f0_Hz and "frequency" in dims else ""
     return f"{told.robot}: {', '.join(words)}{dotted if len(dims) > 1 else ''}"
 
@@ -121,7 +125,7 @@ def label(name: str) -> str:
     return f"{a.label} [{a.shown}]" if a.shown else a.label
 
 
-def one_map(figure: Any, axis: Any, values: xr.DataArray, data: xr.Dataset) -> None:
+def one_map(figure: Figure, axis: Axes, values: xr.DataArray, data: xr.Dataset) -> None:
     """One quantity over two axes, the first of them upwards; f_0 where frequency is one of them."""
     import matplotlib as mpl
 
@@ -142,15 +146,15 @@ def one_map(figure: Any, axis: Any, values: xr.DataArray, data: xr.Dataset) -> N
     bar.ax.set_ylabel(unit)
     if values.name == "n_jumps":
         ticks = np.arange(0, top + 1)
-        bar.set_ticks(ticks, labels=[f"{t:d}" if t < COUNTED else f"≥ {t:d}" for t in ticks])
-    told = setting(data)
+        bar.set_ticks(list(ticks), labels=[f"{t:d}" if t < COUNTED else f"≥ {t:d}" for t in ticks])
+    told = origin_of(data)
     if "frequency" in values.dims and told.f0_Hz is not None and told.ground == "hard":
         (axis.axhline if up == "frequency" else axis.axvline)(told.f0_Hz, color="white", lw=0.8, ls=":")
     axis.set(title=title, xlabel=label(right), ylabel=label(up))
     axis.grid(False)
 
 
-def regions(axis: Any, data: xr.Dataset) -> None:
+def regions(axis: Axes, data: xr.Dataset) -> None:
     """Outlines and names of the regions of single, stutter and multi-jumps."""
     up, right = (str(d) for d in data.jump_class.dims)
     x, y = (data[n].values * AXES[n].factor for n in (right, up))
@@ -165,7 +169,7 @@ def regions(axis: Any, data: xr.Dataset) -> None:
             axis.text(x[place[1]], y[place[0]], name, color="white", fontsize=7, ha="center", va="bottom")
 
 
-def lines(data: xr.Dataset, Figure: Any, dim: str) -> Any:
+def lines(data: xr.Dataset, Figure: NewFigure, dim: str) -> Figure:
     """Heights, numbers, power and force along one axis."""
     figure = Figure(figsize=(9.2, 5.4), layout="constrained")
     axes = figure.subplots(2, 2, sharex=True)
@@ -185,7 +189,7 @@ def lines(data: xr.Dataset, Figure: Any, dim: str) -> Any:
     return figure
 
 
-def panels(data: xr.Dataset, Figure: Any) -> Any:
+def panels(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """Maps of the height over the first two axes at six values of the third; further axes at their middle."""
     height = data.com_height_m
     rest = {d: data.sizes[d] // 2 for d in height.dims[3:]}
@@ -196,7 +200,7 @@ def panels(data: xr.Dataset, Figure: Any) -> Any:
     axes = figure.subplots(2, 3, sharex=True, sharey=True).flat
     for axis, i in zip(axes, at):
         one_map(figure, axis, height.isel({third: i}), data)
-        axis.set_title(f"height at {AXES[third].said(float(data[third][i]), 4)}")
+        axis.set_title(f"height at {AXES[third].text(float(data[third][i]), 4)}")
     for axis in list(axes)[: 6 - len(at)]:
         axis.set_visible(False)
     return figure
@@ -206,7 +210,7 @@ SIGNIFICANT = 4.0  # |z| of the darkest colour, at least
 
 
 @figure_of(compared.compare)
-def comparison(data: xr.Dataset, Figure: Any) -> Any:
+def comparison(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """Four maps where frequency and phase vary, else heights, differences and z along what varies."""
     varies = [n for n in ("frequency", "phase", "amplitude", "delay") if np.unique(data[n]).size > 1]
     return (
@@ -227,7 +231,7 @@ def heading(data: xr.Dataset) -> str:
     )
 
 
-def maps(data: xr.Dataset, Figure: Any) -> Any:
+def maps(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """Coloured points, a ring around those that stand out; behind the simulated ones the model's map."""
     figure = Figure(figsize=(9.4, 6.6), layout="constrained")
     axes = figure.subplots(2, 2, sharex=True, sharey=True)
@@ -277,7 +281,7 @@ def maps(data: xr.Dataset, Figure: Any) -> Any:
     return figure
 
 
-def difference_lines(data: xr.Dataset, Figure: Any, name: str) -> Any:
+def difference_lines(data: xr.Dataset, Figure: NewFigure, name: str) -> Figure:
     """Heights with their uncertainties, and z, along one coordinate."""
     figure = Figure(figsize=(7.4, 5.4), layout="constrained")
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
+from jumpvision.experiment.inputs.model import tables_of
 from jumpvision.jumper.physics.packing import Laws, laws_from
 
 MOST = 100_000_000  # points of one sweep
@@ -41,7 +41,7 @@ class Axis:
             return f"{'>' if self.open_lo else '>='} {self.lo:g}{unit}"
         return f"in {'(' if self.open_lo else '['}{self.lo:g}, {self.hi:g}]{unit}"
 
-    def said(self, value: float, digits: int) -> str:
+    def text(self, value: float, digits: int) -> str:
         """frequency 8.2 Hz."""
         return f"{self.label} {value * self.factor:.{digits}g} {self.shown}".rstrip()
 
@@ -127,12 +127,7 @@ EXAMPLE = Path(__file__).with_name("example_laws.toml")
 
 def read_laws(file: Path) -> Laws:
     """The laws of a file. InputError with every problem."""
-    try:
-        table = tomllib.loads(file.read_text(encoding="utf-8"))
-    except OSError as e:
-        raise InputError([f"--laws {file}: cannot be read ({e.strerror}); name a TOML file"]) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as e:
-        raise InputError([f"{file}: is not TOML: {e}"]) from None
+    table = tables_of(file)
     model = table.get("model")
     table = model["laws"] if isinstance(model, dict) and isinstance(model.get("laws"), dict) else table
     laws, problems = laws_from({"source": file.name, **table}, str(file))

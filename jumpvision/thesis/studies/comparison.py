@@ -39,8 +39,8 @@ from jumpvision.jumper.mechanisms.registry import ModelParameters
 from jumpvision.jumper.physics.batch import hard_points, resolve
 
 from .axes import AXES
-from .compute import Setting
-from .machine import Machine, machine
+from .compute import Origin
+from .setup import Setup, setup_of
 from .study import Found, Measured, Row, study
 
 LEVEL = 0.05  # corrected p of a condition that stands out
@@ -76,11 +76,11 @@ class Jump:
 
 def law_of(e: Experiment) -> dict[str, float]:
     """The numbers of [actuation]; the phase counts modulo 2 pi."""
-    a = e.section(Actuation)
+    a = e.required(Actuation)
     return {
-        "frequency": a.frequency,
+        "frequency": a.frequency or math.nan,
         "phase": a.start_phase % (2 * math.pi),
-        "amplitude": a.amplitude,
+        "amplitude": a.amplitude or math.nan,
         "cycles": a.cycles,
         "delay": a.delay,
     }
@@ -142,7 +142,7 @@ def compare(given: Measured) -> Found:
         rng=np.random.default_rng(0),
         shared=np.transpose(shared) if common.any() else (),
     )
-    robot = machine("hard", jumps[0].experiment.path, given.overrides)
+    robot = setup_of("hard", jumps[0].experiment.path, given.overrides)
     data = _dataset(campaign, robot, jumps, at, steps, names, found)
     return data, rows(data)
 
@@ -151,7 +151,7 @@ def problem(o: Outcome) -> str:
     """Why an experiment cannot be compared; "" when it can."""
     if o.errors:
         return o.errors[0]
-    if o.summary.get("jump_height_m") is None or o.summary.get("sigma_m") is None:
+    if None in o.summary.jump_height:
         return "no measured jump height: " + ("; ".join(o.not_run) or "its track does not give one")
     return ""
 
@@ -160,7 +160,7 @@ def measured_jump(e: Experiment, o: Outcome, plan: Plan) -> Jump:
     """The measured height beside the model's, and what one sigma of each uncertain parameter does to the latter."""
     workspace = Workspace(e, o.results, plan.cache)
     rod, p = workspace.make(RodMotion), workspace.parameters(simulate)
-    log, law, motor = (e.section(s) for s in (MotorLog, Actuation, Motor))
+    log, law, motor = e.section(MotorLog), e.section(Actuation), e.section(Motor)
 
     def height(robot: Robot, spec: ModelSpec, p: SimulateParams = p) -> float:
         with warnings.catch_warnings():
@@ -168,14 +168,13 @@ def measured_jump(e: Experiment, o: Outcome, plan: Plan) -> Jump:
             done = simulate(e, robot, spec, log, law, motor, None, None, rod, p=p)
         return float(simulated_height(done, law) or math.nan)
 
-    robot, spec = e.section(Robot), e.section(ModelSpec) or ModelSpec()  # hard ground without [model]: no term
+    robot, spec = e.required(Robot), e.section(ModelSpec) or ModelSpec()  # hard ground without [model]: no term
     steps = {name: (height(*high) - height(*low)) * share for name, low, high, share in variations(robot, spec)}
     model = height(robot, spec)
     if log is not None:  # smoothed by its encoder's step: twice that shows what smoothing does, 0 where the law drives
         coarse = dataclasses.replace(p, encoder_step=2.0 * p.encoder_step)
         steps["motor_log of " + ", ".join(f"{x:g}" for x in law_of(e).values())] = height(robot, spec, coarse) - model
-    seen, sigma, common = (o.summary[k] for k in ("jump_height_m", "sigma_m", "sigma_common_m"))
-    return Jump(e, seen, sigma, common, shared_of(e).apparatus, model, steps)
+    return Jump(e, *o.summary.jump_height.numbers, shared_of(e).apparatus, model, steps)
 
 
 Version = tuple[Robot, ModelSpec]
@@ -205,7 +204,7 @@ def _ends(owner: Any, name: str, value: float, sigma: float) -> tuple[float, flo
 
 def _dataset(
     campaign: Campaign,
-    robot: Machine,
+    robot: Setup,
     jumps: list[Jump],
     at: NDArray[np.int64],
     steps: Array,
@@ -249,9 +248,7 @@ def _dataset(
     variables["model_step_m"] = xr.Variable(("trial", "parameter"), steps, words)
     coords = {
         n: xr.Variable(
-            ("condition",),
-            [j.law[n] for j in first],
-            {"units": AXES[n].unit or "1", "long_name": AXES[n].meaning},
+            ("condition",), [j.law[n] for j in first], {"units": AXES[n].unit or "1", "long_name": AXES[n].meaning}
         )
         for n in COORDS
     }
@@ -269,13 +266,11 @@ def _dataset(
     )
     behind, more = simulated_map(robot, jumps)
     return xr.Dataset(
-        variables | behind,
-        coords | more,
-        as_attributes(Setting.of(robot, compare.name)) | as_attributes(whole),
+        variables | behind, coords | more, as_attributes(Origin.of(robot, compare.name)) | as_attributes(whole)
     )
 
 
-def simulated_map(robot: Machine, jumps: list[Jump]) -> tuple[dict[str, xr.Variable], dict[str, xr.Variable]]:
+def simulated_map(robot: Setup, jumps: list[Jump]) -> tuple[dict[str, xr.Variable], dict[str, xr.Variable]]:
     """The model's height between the points, over frequency and phase; nothing where robots or the rest differ."""
     rest = {n: {round(j.law[n], 9) for j in jumps} for n in COORDS[2:]}
     sections = [(j.experiment.section(Robot), j.experiment.section(ModelSpec)) for j in jumps]

@@ -22,15 +22,15 @@ from numpy.typing import NDArray
 from jumpvision import __version__
 from jumpvision.base.arrays import Array
 from jumpvision.base.progress import watch
+from jumpvision.base.record import RecordError, plain
 from jumpvision.base.schema import InputError
 from jumpvision.base.threads import at_most
-from jumpvision.experiment.results import RecordError, plain
 from jumpvision.experiment.results.fields import as_attributes, attributes_of
 from jumpvision.jumper.physics.batch import BY_AREA, hard_points, resolve, simulated_points
 from jumpvision.jumper.physics.hard.jump import RESULTS as COMPUTED
 
 from .axes import AXES, option
-from .machine import Machine
+from .setup import Setup
 from .study import Say, Sweep
 
 CHUNK = 200_000  # points of an exact sweep in memory at once
@@ -39,9 +39,9 @@ RTOL, ATOL = 1e-6, 1e-9  # as the stage `simulate`
 SLOW = 5.0  # s, from where the time is announced
 
 
-def grid_results(machine: Machine, given: Mapping[str, Array], *, workers: int, say: Say) -> dict[str, NDArray[Any]]:
+def grid_results(setup: Setup, given: Mapping[str, Array], *, workers: int, say: Say) -> dict[str, NDArray[Any]]:
     """Results over the grid of `given`: shape the sizes of its 1-D entries, in order. InputError for what cannot be."""
-    no_effect(machine, given)
+    no_effect(setup, given)
     shape = tuple(a.size for a in given.values() if a.ndim)
     total = math.prod(shape)
     out = {name: np.empty(total) for name in COMPUTED}
@@ -49,22 +49,22 @@ def grid_results(machine: Machine, given: Mapping[str, Array], *, workers: int, 
     def values(lo: int, hi: int) -> dict[str, Array]:
         at = iter(np.unravel_index(np.arange(lo, hi), shape) if shape else ())
         point = {n: a[next(at)] if a.ndim else np.full(hi - lo, float(a)) for n, a in given.items()}
-        full = resolve(machine.values, point)
-        if machine.laws:
-            full |= machine.laws.points(full["phi"], machine.model.foot_radius or math.nan, machine.phi_sigma)
+        full = resolve(setup.values, point)
+        if setup.laws:
+            full |= setup.laws.points(full["phi"], setup.model.foot_radius or math.nan, setup.phi_sigma)
         return {n: np.ascontiguousarray(np.broadcast_to(v, (hi - lo,))) for n, v in full.items()}
 
-    if machine.laws and (said := machine.laws.continued(given.get("phi", np.asarray(machine.values["phi"])))):
+    if setup.laws and (said := setup.laws.continued(given.get("phi", np.asarray(setup.values["phi"])))):
         say(said)
     try:
         values(0, 1)
-        step = CHUNK if machine.exact else SMALL
+        step = CHUNK if setup.exact else SMALL
         edges = [(lo, min(lo + step, total)) for lo in range(0, total, step)]
         began = time.perf_counter()
         for done, (lo, hi) in enumerate(watch(edges, "jumps, chunks")):
             v = values(lo, hi)
             with at_most(workers):
-                found = hard_points(v) if machine.exact else simulated_points(machine.model, v, rtol=RTOL, atol=ATOL)
+                found = hard_points(v) if setup.exact else simulated_points(setup.model, v, rtol=RTOL, atol=ATOL)
             for name, column in found.items():
                 out[name][lo:hi] = column
             if done == 0:
@@ -72,16 +72,16 @@ def grid_results(machine: Machine, given: Mapping[str, Array], *, workers: int, 
     except InputError:
         raise
     except ValueError as e:
-        raise InputError([f"sweep {machine.model.ground}: {e}"]) from None
+        raise InputError([f"sweep {setup.model.ground}: {e}"]) from None
     return {n: v.reshape(shape) for n, v in out.items()}
 
 
-def no_effect(machine: Machine, given: Mapping[str, Array]) -> None:
+def no_effect(setup: Setup, given: Mapping[str, Array]) -> None:
     """InputError for axes of the bed that the model's terms do not see: their map would be constant."""
-    model = machine.model
+    model = setup.model
     seen = {n for t in model.terms for n in model.mechanism(t).symbols}
     inert = {
-        "phi": not machine.laws and (model.volume_fraction is None or "phi" not in seen),
+        "phi": not setup.laws and (model.volume_fraction is None or "phi" not in seen),
         "apex": True,
         "foot_radius": model.foot_radius is None
         or not ("R" in seen or any(getattr(model.parameters, n) for n in BY_AREA)),
@@ -154,12 +154,12 @@ def dataset(
         axis = AXES.get(name)
         meta = {"units": axis.unit or "1", "long_name": axis.meaning} if axis else {}
         places[name] = xr.Variable(over, values, meta)
-    told = as_attributes(Setting.of(s.machine, s.study.name, f0_Hz)) | (as_attributes(facts) if facts else {})
+    told = as_attributes(Origin.of(s.setup, s.study.name, f0_Hz)) | (as_attributes(facts) if facts else {})
     return xr.Dataset(variables, coords=places, attrs=told)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Setting:
+class Origin:
     """What every sweep was made with, under the names of the attributes of its file.
 
     ground, robot, model, analysis, laws_source: in words. constants, laws, versions: JSON objects; the constants of
@@ -177,15 +177,15 @@ class Setting:
     f0_Hz: float | None = None
 
     @classmethod
-    def of(cls, machine: Machine | None, analysis: str, f0_Hz: float | None = None) -> Setting:
-        """The setting of an analysis with a robot (None: of beds without one), by the versions at hand."""
+    def of(cls, setup: Setup | None, analysis: str, f0_Hz: float | None = None) -> Origin:
+        """That of an analysis with a robot (None: of beds without one), by the versions at hand."""
         packages = {p: version(p) for p in ("numpy", "scipy", "numba", "xarray")}
-        laws = machine.laws if machine else None
+        laws = setup.laws if setup else None
         return cls(
-            ground=machine.model.ground if machine else "granular",
-            robot=machine.name if machine else "none",
-            constants=json.dumps(plain(dict(machine.values)) if machine else {}),
-            model=str(machine.model) if machine else "none",
+            ground=setup.model.ground if setup else "granular",
+            robot=setup.name if setup else "none",
+            constants=json.dumps(plain(dict(setup.values)) if setup else {}),
+            model=str(setup.model) if setup else "none",
             laws=json.dumps(laws.plain()) if laws else None,
             laws_source=laws.source if laws else None,
             versions=json.dumps({"jumpvision": __version__, "python": platform.python_version(), **packages}),
@@ -200,9 +200,9 @@ class Setting:
         return found
 
 
-def setting(data: xr.Dataset) -> Setting:
+def origin_of(data: xr.Dataset) -> Origin:
     """What a sweep was made with. RecordError where its attributes do not say."""
-    return attributes_of(Setting, data)
+    return attributes_of(Origin, data)
 
 
 def write(data: xr.Dataset, folder: Path, file: str = FILE) -> Path:
@@ -239,7 +239,7 @@ def keep_other(file: Path, data: xr.Dataset) -> Path | None:
 
 def own_name(data: xr.Dataset) -> str:
     """What tells a sweep from others: analysis, axes, and six digits of a digest of their values and all constants."""
-    told = setting(data)
+    told = origin_of(data)
     axes = [str(d) for d in data.dims if str(d) in AXES]
     parts = [told.ground, told.robot, told.constants, told.model, told.laws, told.analysis]
     parts += [f"{n} {np.asarray(v.values).tolist()}" for n, v in sorted(data.coords.items(), key=lambda c: str(c[0]))]

@@ -37,24 +37,18 @@ SLOW_GRID = {"frequency": (0.35, 1.5, 40), "phase": (0.0, 2.0 * np.pi, 25)}  # w
 def grid(s: Sweep) -> Found:
     """Jumps over any axes; frequency and phase where none is asked for, with the best jumps of both types."""
     if not s.ranges:
-        usual = GRID if s.machine.exact else SLOW_GRID
+        usual = GRID if s.setup.exact else SLOW_GRID
         ranges = {n: np.linspace(*x) * (s.robot.f0 if n == "frequency" else 1.0) for n, x in usual.items()}
         s = dataclasses.replace(s, ranges={n: x for n, x in ranges.items() if n not in s.values})
     given = {**s.values, **s.ranges}
-    results = grid_results(s.machine, given, workers=s.workers, say=s.say)
-    data = dataset(
-        s,
-        given,
-        tuple(s.ranges),
-        results,
-        f0_Hz=s.robot.f0,
-    )
+    results = grid_results(s.setup, given, workers=s.workers, say=s.say)
+    data = dataset(s, given, tuple(s.ranges), results, f0_Hz=s.robot.f0)
     failed = int(np.isnan(results["com_height_m"]).sum())
     if failed:
         s.say(f"warning: {failed} of {data.com_height_m.size} motions could not be followed; they are NaN")
-    law = s.machine.values
+    law = s.setup.values
     whole = not s.values and law["cycles"] == 1 and not law["delay"] and set(s.ranges) == {"frequency", "phase"}
-    return data, best_jumps(s) if s.machine.exact and whole else _best_point(s, data)
+    return data, best_jumps(s) if s.setup.exact and whole else _best_point(s, data)
 
 
 def _best_point(s: Sweep, data: xr.Dataset) -> list[Row]:
@@ -73,7 +67,7 @@ def _best_point(s: Sweep, data: xr.Dataset) -> list[Row]:
 
 def best_jumps(s: Sweep) -> list[Row]:
     """The best stutter and single jump of the robot at its amplitude, against docs/physics.md section 7."""
-    amp, f0, robot = s.machine.values["amplitude"], s.robot.f0, s.robot
+    amp, f0, robot = s.setup.values["amplitude"], s.robot.f0, s.robot
 
     def at_phase(f: np.ndarray) -> dict[str, np.ndarray]:
         return hard_sweep(sine_rows(f, amp, np.array([[STUTTER], [SINGLE]]), 1.0), **robot._asdict())
@@ -146,7 +140,7 @@ class Scatter:
 def scatter(s: Sweep) -> Found:
     """Standard deviation of the heights over trials that start from a faintly ringing spring."""
     f, phase = s.axis("frequency"), s.axis("phase")
-    law = {"amplitude": float(s.machine.values["amplitude"]), "cycles": float(s.machine.values["cycles"])}
+    law = {"amplitude": float(s.setup.values["amplitude"]), "cycles": float(s.setup.values["cycles"])}
     clean = hard_map(f, phase, **law, **s.robot._asdict())
     rng = np.random.default_rng(20140630)
     spread = {n: np.empty((f.size, phase.size)) for n in ("com_height_m", "flight_height_m", "jump_height_m")}
@@ -286,7 +280,7 @@ class Traces:
 )
 def traces(s: Sweep) -> Found:
     """Position, velocity, force and the three powers of chosen jumps; impulses apart."""
-    amp, f0 = float(s.machine.values["amplitude"]), s.robot.f0
+    amp, f0 = float(s.setup.values["amplitude"]), s.robot.f0
     best = best_ratios(s)
     cases = [
         ("impulse, phase pi", 1.0, np.pi),

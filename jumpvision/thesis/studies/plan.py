@@ -8,22 +8,22 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
-from jumpvision.base.schema import InputError
+from jumpvision.base.record import plain
+from jumpvision.base.schema import InputError, Toml
 from jumpvision.experiment.inputs.experiment import open_experiment
 from jumpvision.experiment.inputs.model import ModelSpec, read_model
 from jumpvision.experiment.inputs.sections import Motor, Robot
-from jumpvision.experiment.results import plain
 from jumpvision.jumper.mechanisms.record import Body
 from jumpvision.jumper.mechanisms.registry import acting
 from jumpvision.jumper.physics.forcing import Forcing
 from jumpvision.jumper.physics.model import GROUNDS, Model
 
-from .machine import machine
+from .setup import setup_of
 
 if TYPE_CHECKING:
     from jumpvision.jumper.planning.plan import Plan, Planner
@@ -112,7 +112,7 @@ def seeded() -> np.random.Generator:
 
 
 def planned_robot(
-    ground: str, experiment: Path | None, model_file: Path | None, overrides: Mapping[str, Mapping[str, Any]]
+    ground: str, experiment: Path | None, model_file: Path | None, overrides: Mapping[str, Toml]
 ) -> Robot1D:
     """The robot of an experiment.toml (or its folder), or the thesis' one. InputError names what lacks."""
     given = dict(overrides)
@@ -126,7 +126,7 @@ def planned_robot(
         robot, spec = e.section(Robot), e.section(ModelSpec)
         if robot is not None:
             sigma |= asdict(robot.sigma)
-    found = machine(ground, experiment, given, model_file=model_file)
+    found = setup_of(ground, experiment, given, model_file=model_file)
     if model_file is not None:
         spec = read_model(model_file)
     sigma["volume_fraction"] = found.phi_sigma

@@ -52,11 +52,11 @@ def planners(s: Sweep, objective: str) -> dict[str, Planner]:
         from jumpvision.jumper.planning.transcription import Limits
     except ImportError:
         raise InputError(["plans: need CasADi; install it with pip install 'jumpvision[plan]'"]) from None
-    m = s.machine.motor
+    m = s.setup.motor
     if m is None or m.kp is None:
         raise InputError(["[motor] kp: missing; a plan is made with the motor's feedback loop"])
     limits = Limits(**{n: getattr(m, n) or math.inf for n in ("max_force", "max_speed", "stroke")})
-    sand = s.machine.model
+    sand = s.setup.model
     return {
         ground: Planner(model, Drive(m.kp, m.kd or 0.0), limits, objective)
         for ground, model in (("rigid", rigid(sand)), ("sand", sand))

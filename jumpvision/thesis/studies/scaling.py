@@ -116,7 +116,7 @@ def alpha(s: Sweep) -> Found:
         best,
         extra,
         f0_Hz=s.robot.f0,
-        facts=Alpha(s.robot.mass * s.robot.gravity / (s.robot.stiffness * s.machine.values["amplitude"])),
+        facts=Alpha(s.robot.mass * s.robot.gravity / (s.robot.stiffness * s.setup.values["amplitude"])),
     )
     up, of_flight = crossing(a, h[0] / h[1], rising=True), flight["flight_height_m"]
     flights = crossing(a, of_flight[0] / of_flight[1], rising=True)
@@ -225,7 +225,7 @@ def height_amplitude(s: Sweep) -> Found:
         extra,
         f0_Hz=s.robot.f0,
     )
-    i, j = (int(np.argmin(np.abs(amplitude - a))) for a in (s.machine.values["amplitude"], amplitude[-1]))
+    i, j = (int(np.argmin(np.abs(amplitude - a))) for a in (s.setup.values["amplitude"], amplitude[-1]))
     rows = [
         s.number(
             f"{name}: best f/f_0 at A {1e3 * amplitude[i]:.2f} and {1e3 * amplitude[j]:.2f} mm; greatest height / A",
@@ -257,14 +257,7 @@ def estimates(s: Sweep) -> Found:
     for n, v in found.items():
         extra[f"estimate_{n}"] = (("alpha",), v, "1", f"f_opt / f_0 of eq. ({n})")
     extra["estimate_13"] = ((), np.asarray(peak), "1", "f_opt / f_0 of eq. (13), for alpha >= 0.9")
-    data = dataset(
-        s,
-        {"kind": list(kinds), "alpha": a},
-        ("kind", "alpha"),
-        best,
-        extra,
-        f0_Hz=s.robot.f0,
-    )
+    data = dataset(s, {"kind": list(kinds), "alpha": a}, ("kind", "alpha"), best, extra, f0_Hz=s.robot.f0)
     sim, low = best["frequency_ratio"][0], a < 0.9
     rows = [
         s.number(
@@ -308,12 +301,7 @@ def two_frequency(s: Sweep) -> Found:
         ),
     }
     data = dataset(
-        s,
-        {"jump": ["two frequencies", *TYPES], "alpha": a},
-        ("jump", "alpha"),
-        results,
-        extra,
-        f0_Hz=s.robot.f0,
+        s, {"jump": ["two frequencies", *TYPES], "alpha": a}, ("jump", "alpha"), results, extra, f0_Hz=s.robot.f0
     )
     h, p = results["com_height_m"], results["peak_power_W"]
     always = bool(np.all(h[0] >= h[1:].max(axis=0) * (1 - 1e-6)))

@@ -17,29 +17,29 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from jumpvision.base.arrays import Array
-from jumpvision.base.schema import InputError, closest
+from jumpvision.base.schema import InputError, Toml, closest
 from jumpvision.experiment.workflow.stage import import_all
 from jumpvision.jumper.physics.batch import resolve
 from jumpvision.jumper.physics.hard.jump import HardRobot
 from jumpvision.jumper.physics.model import GROUNDS
 
 from .axes import EXAMPLE, Laws, option, read_axes, read_laws
-from .machine import Machine, machine, remembering
+from .setup import Setup, remembering, setup_of
 
 ROBOT_AXES = ("gravity", "rod_mass", "motor_mass", "stiffness", "zeta")  # every study takes single values of these
 
 Say = Callable[[str], None]
 Row = dict[str, str | float | None]
 Found = tuple[xr.Dataset, list[Row]]  # the data set and the table of numbers
-Tables = Mapping[str, Mapping[str, Any]]  # --set values: {section: {key: value}}
+Tables = Mapping[str, Toml]  # --set values: {section: {key: value}}
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """What a study of a robot is given: single values stand in place of the robot's own (in machine.values already)."""
+    """What a study of a robot is given: single values stand in place of the robot's own (in setup.values already)."""
 
     study: Study[Any]
-    machine: Machine
+    setup: Setup
     ranges: Mapping[str, Array]  # as asked
     values: Mapping[str, Array]  # single values, as asked
     workers: int
@@ -59,11 +59,11 @@ class Sweep:
     @property
     def robot(self) -> HardRobot:
         """The robot's values, as far as hard ground asks for them."""
-        return HardRobot(*(float(self.machine.values[n]) for n in HardRobot._fields))
+        return HardRobot(*(float(self.setup.values[n]) for n in HardRobot._fields))
 
     def number(self, quantity: str, ours: str, thesis: str = "", rk4: str = "") -> Row:
         """A row of the table; the columns thesis and RK4 (docs/physics.md section 7) are of the thesis' robot."""
-        known = self.machine.thesis
+        known = self.setup.thesis
         return {"quantity": quantity, "thesis": thesis if known else "", "RK4": rk4 if known else "", "ours": ours}
 
 
@@ -93,7 +93,7 @@ class Study(Generic[S]):
     values: axes that it takes as single values, besides ROBOT_AXES. any_axes: it takes all, and single values are
     points of its grid instead of changes of the robot. needs_laws: only with laws of the bed against its packing.
     model_file: --model may replace the campaign's model. memory: the thesis' robot jumps on a bed that remembers a
-    pause of the foot, as far as its laws say how (`machine.remembering`). table: it takes a table of the user's.
+    pause of the foot, as far as its laws say how (`setup.remembering`). table: it takes a table of the user's.
     """
 
     name: str
@@ -259,7 +259,7 @@ def _sweep(asked: Study[Any], call: Call) -> Sweep:
     axes = read_axes(call.ground, call.axes)
     own = call.experiment is None and call.model is None
     laws = _laws(call, example=own and call.ground == "granular" and not asked.any_axes)
-    robot = machine(call.ground, call.experiment, call.overrides, model_file=call.model, laws=laws)
+    robot = setup_of(call.ground, call.experiment, call.overrides, model_file=call.model, laws=laws)
     robot = dataclasses.replace(robot, thesis=robot.thesis and call.laws is None)
     robot = remembering(robot) if asked.memory and own else robot
     values = {n: a for n, a in axes.items() if a.ndim == 0}
@@ -296,7 +296,7 @@ def _laws(call: Call, *, example: bool) -> Laws | None:
     return found if found.laws else None
 
 
-def _changed(robot: Machine, values: Mapping[str, Array]) -> Machine:
+def _changed(robot: Setup, values: Mapping[str, Array]) -> Setup:
     """The robot with single values in place of its constants."""
     if not values:
         return robot

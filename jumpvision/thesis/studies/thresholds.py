@@ -227,7 +227,7 @@ def catapult(robot: HardRobot, travel: float) -> Catapult:
 @study("power-limit", "hard", source="1.2.2, 2.5.2", values=("amplitude",))
 def power_limit(s: Sweep) -> Found:
     """Best heights of stutter and squat (single) jumps under a limit of the motor's power, beside a catapult."""
-    amplitude = float(s.machine.values["amplitude"])
+    amplitude = float(s.setup.values["amplitude"])
     f, a = np.linspace(0.2, 3.0, 561) * s.robot.f0, amplitude * np.linspace(0.01, 1.0, 100)
     phase = np.array([STUTTER, SINGLE])[:, None, None]
     needed = hard_sweep(sine_rows(f[:, None], a, phase, 1.0), **s.robot._asdict())["peak_power_W"]

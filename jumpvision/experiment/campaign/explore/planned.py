@@ -17,7 +17,7 @@ from jumpvision.base.schema import REQUIRED, InputError, closest, param, read
 from jumpvision.base.storage import write_aside
 from jumpvision.engine.fitting import Problem
 from jumpvision.engine.noise.noise import Noise
-from jumpvision.engine.worth.identify import Information, Shown, information, shortest, shown
+from jumpvision.engine.worth.identify import Information, Shown, information, limits_of_causes, shortest
 from jumpvision.experiment.campaign.jumps import spec_of
 from jumpvision.experiment.inputs.experiment import Experiment, merged, without_folder
 from jumpvision.experiment.inputs.parameters import SimulateParams
@@ -143,7 +143,9 @@ def identified(planned: Planned, tell: Sequence[str], workers: int = 1) -> Ident
     taken, never = shortest(info, asked, LONGEST) if asked else ([], {})
     names = [named([*laws, *offered][k]) for k in taken]
     whole = len(taken) < LONGEST
-    return Identified(shown(info, range(len(laws))), len(laws), planned.camera.noise, asked, names, never, whole)
+    return Identified(
+        limits_of_causes(info, range(len(laws))), len(laws), planned.camera.noise, asked, names, never, whole
+    )
 
 
 def _asked(tell: Sequence[str], info: Information) -> dict[str, float]:

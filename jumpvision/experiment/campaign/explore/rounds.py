@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from jumpvision.base.schema import InputError
-from jumpvision.engine.detect import detect, directions
-from jumpvision.engine.diagnose import fit_baseline
+from jumpvision.engine.document.values import Status
 from jumpvision.engine.fitting import Problem
-from jumpvision.engine.naming import Naming, name
+from jumpvision.engine.naming import Naming
+from jumpvision.engine.order import Order
 from jumpvision.engine.worth.design import Held, batch, belief, entropy, measuring, prospect
 from jumpvision.engine.worth.rehearse import log10_odds
 from jumpvision.experiment.campaign.diagnose import Question
@@ -71,7 +71,7 @@ class Believed:
     @property
     def unexplained(self) -> bool:
         """Whether the declared model is wrong, and no set of the vocabulary is right."""
-        return self.discrepant and self.naming.status != "complete" and not self.naming.by_chance
+        return self.discrepant and self.naming.status != Status.COMPLETE and not self.naming.by_chance
 
     def undecided(self, level: float) -> list[str]:
         """Causes that neither stand nor are excluded at this probability."""
@@ -87,12 +87,13 @@ def believe(asked: Question, workers: int = 1) -> Believed:
     try:
         learned = learn_noise(Jumper(asked.jumps, asked.ranges, asked.priors, workers, asked.own))
         problem = Problem(learned.system, learned.noise, learned.scatter, asked.measured)
-        base = fit_baseline(problem, rng)
+        order = Order(problem, rng, by=None)
+        found = order.look()
     except ValueError as e:
         raise InputError([f"explore: {e}"]) from None
-    found = detect(problem, base, directions(problem, base), rng)
-    naming = name(problem, base, found, rng)
-    return Believed(problem, learned.system, naming, belief(naming.tried), found.discrepant)
+    naming = order.name(found).naming
+    assert naming is not None
+    return Believed(problem, learned.system, naming, belief(naming.tried), not found.adequate)
 
 
 def next_round(asked: Question, rules: Rules, spent: int, workers: int = 1) -> Round:

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
+from jumpvision.base.record import plain
 from jumpvision.base.storage import write_aside
 from jumpvision.estimate.robot import Bandwidth, bandwidth
 from jumpvision.experiment import files
 from jumpvision.experiment.inputs.experiment import Campaign
 from jumpvision.experiment.inputs.sections import MotorLog
-from jumpvision.experiment.results import plain
 from jumpvision.experiment.results.values import Fits
 from jumpvision.experiment.workflow.run import Outcome
 

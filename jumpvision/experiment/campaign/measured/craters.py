@@ -9,15 +9,16 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 
 from jumpvision.base.arrays import Array
+from jumpvision.base.record import plain
 from jumpvision.base.storage import write_aside
 from jumpvision.estimate.crater import TWO_HALVES, ZeroCrossing, critical_fraction
 from jumpvision.estimate.estimate import independent
 from jumpvision.experiment import files
-from jumpvision.experiment.results import plain
 from jumpvision.experiment.results.values import CraterShape
 from jumpvision.experiment.workflow.run import Outcome
 
@@ -50,7 +51,7 @@ def measured_in(outcomes: Sequence[Outcome]) -> list[Crater]:
 def craters_of(results: Mapping[str, Path]) -> list[Crater]:
     """Those of experiments that have one; results: folder of results by name."""
     found = {n: CraterShape.load(f).values for n, f in results.items()}
-    return [Crater(name, *(values.get(c) for c in COLUMNS[1:])) for name, values in found.items()]
+    return [Crater(name, *(cast(Any, values).get(c) for c in COLUMNS[1:])) for name, values in found.items()]
 
 
 def zero_crossing(craters: Sequence[Crater]) -> ZeroCrossing:

@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from jumpvision.base.arrays import Array
+from jumpvision.base.record import plain
 from jumpvision.base.storage import write_aside
 from jumpvision.estimate.estimate import Estimate, bend_of, radius_exponent, widened
 from jumpvision.experiment import files
 from jumpvision.experiment.inputs.experiment import Campaign
-from jumpvision.experiment.results import plain
 from jumpvision.experiment.results.values import Intrusion
 from jumpvision.experiment.workflow.run import Outcome
 from jumpvision.jumper.physics.packing import PackingFit, fit_packing_law
@@ -94,8 +94,8 @@ def slow_intrusions(campaign: Campaign, outcomes: Sequence[Outcome]) -> list[Slo
             continue
         summary, robot, bed = ran[e.name].summary, e.sections.get("robot"), e.sections.get("bed")
         radius, given = robot.foot_radius if robot else None, bed.volume_fraction if bed else None
-        packing = summary.get("volume_fraction") or given, summary.get("sigma_common_volume_fraction")
-        out.append(slow_intrusion(e.name, ran[e.name].results, radius, *packing))
+        phi = summary.volume_fraction
+        out.append(slow_intrusion(e.name, ran[e.name].results, radius, phi.value or given, phi.common))
     return out
 
 
@@ -103,17 +103,17 @@ def slow_intrusion(
     name: str, results: Path, radius: float | None, phi: float | None, phi_common: float | None
 ) -> SlowIntrusion:
     """An experiment's, from its intrusion.json. radius: of the foot [m]; phi_common: what beds share of phi's sigma."""
-    record = Intrusion.load(results).values
-    fits, profile = {n: record["fits"].get(n, {}) for n in FITTED}, record["profile"]
-    cone = record["cone"]
-    force, flat, mantle = (np.array(cone[f"{part}_N"]) if cone else None for part in ("force", "flat", "mantle"))
+    loaded = Intrusion.load(results)
+    record, fits, profile, cone = loaded.values, loaded.fits, loaded.values["profile"], loaded.values["cone"]
+    parts = (cone["force_N"], cone["flat_N"], cone["mantle_N"]) if cone else None
+    force, flat, mantle = map(np.array, parts) if parts else (None, None, None)
     return SlowIntrusion(
         name,
         number(radius),
         number(phi),
         number(phi_common),
         number(record["p_one_slope"]),
-        {n: Fitted(number(f.get("value")), number(f.get("sigma"))) for n, f in fits.items()},
+        {n: Fitted(e.value, e.sigma) if (e := fits.get(n)) else Fitted(np.nan, np.nan) for n in FITTED},
         np.array(profile["depth_m"]),
         np.array(profile["force_N"]),
         np.array(profile["event"]),

@@ -5,20 +5,19 @@ from __future__ import annotations
 import math
 import warnings
 import zipfile
-from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from jumpvision.base.arrays import Array
+from jumpvision.base.schema import Doubt
 from jumpvision.estimate.crater import Crater, line_crater
 from jumpvision.estimate.crater_map import map_crater
-from jumpvision.experiment.inputs.parameters import CraterParams, of_keywords
 from jumpvision.experiment.inputs.sections import Bed, Calibration, CraterDepth, CraterImage, need
-from jumpvision.experiment.results.values import BedHeight, CraterShape
+from jumpvision.experiment.results.values import BedHeight, CraterShape, CraterValues, LaserLine
 from jumpvision.experiment.stages.recordings import open_pictures, view_of
 from jumpvision.experiment.workflow.stage import StageWarning, stage
 from jumpvision.films.frames import open_frames
+from jumpvision.films.parameters import CraterParams
 from jumpvision.films.vision.laser_line import laser_line
 
 from .height import packing, packing_common
@@ -43,37 +42,29 @@ def crater(
         raise ValueError(f"{(depth or line).path}: {found.reason}")  # type: ignore[union-attr]
     phi, phi_sigma = packing(section, bed)
     common = share * abs(found.volume)
-    return CraterShape(
-        {
-            "volume_m3": found.volume,
-            "sigma_m3": math.hypot(found.sigma, common),
-            "sigma_common_m3": common,
-            "noise_sigma_m3": found.noise_sigma,
-            "half_difference_m3": found.half_difference,
-            "depth_m": found.depth,
-            "rim_height_m": found.rim_height,
-            "radius_m": found.radius,
-            "axis_m": found.axis,
-            "volume_fraction": phi,
-            "sigma_volume_fraction": phi_sigma,
-            "sigma_common_volume_fraction": None if phi is None else phi * packing_common(section, bed),
-            "profile": {"r_m": found.r, "height_m": found.height, "sigma_m": found.height_sigma},
-            **({} if seen is None else {"line": seen._asdict()}),
-        }
-    )
-
-
-class SeenLine(NamedTuple):
-    """Where the laser line was seen, arrays over the columns [px], under the names of the file."""
-
-    column_px: Array
-    row_px: Array
-    sigma_px: Array
+    out: CraterValues = {
+        "volume_m3": found.volume,
+        "sigma_m3": math.hypot(found.sigma, common),
+        "sigma_common_m3": common,
+        "noise_sigma_m3": found.noise_sigma,
+        "half_difference_m3": found.half_difference,
+        "depth_m": found.depth,
+        "rim_height_m": found.rim_height,
+        "radius_m": found.radius,
+        "axis_m": found.axis,
+        "volume_fraction": phi,
+        "sigma_volume_fraction": phi_sigma,
+        "sigma_common_volume_fraction": None if phi is None else phi * packing_common(section, bed),
+        "profile": {"r_m": found.r, "height_m": found.height, "sigma_m": found.height_sigma},
+    }
+    if seen is not None:
+        out["line"] = seen
+    return CraterShape(out)
 
 
 def from_line(
     section: CraterImage, calibration: Calibration | None, p: CraterParams
-) -> tuple[Crater, float, SeenLine | None]:
+) -> tuple[Crater, float, LaserLine | None]:
     """The crater along the laser line, the relative uncertainty of its volume that others share, and where the line
     was seen. The one scale gives height and radius."""
     with open_pictures(section) as frames:
@@ -98,13 +89,20 @@ def from_line(
     found = line_crater(
         even, np.interp(even, x, height), np.interp(even, x, seen.sigma * view.scale * rise), axis=axis, radius=p.radius
     )
-    return found, 3.0 * view.scale_share, SeenLine(seen.column, seen.row, seen.sigma)
+    return found, 3.0 * view.scale_share, {"column_px": seen.column, "row_px": seen.row, "sigma_px": seen.sigma}
 
 
 def from_map(section: CraterDepth, p: CraterParams) -> tuple[Crater, float, None]:
     """The crater in a depth map, whose heights do not come from its pixels; the rest as in `from_line`."""
     (scale,) = need(section, "scale")
     z = read_map(section) * section.height_scale
+    deep, wide = float(np.ptp(z[np.isfinite(z)])) if np.isfinite(z).any() else 0.0, scale * max(z.shape)
+    if deep > wide:
+        said = f"[crater_depth] is {deep:.3g} m deep and {wide:.3g} m wide: in mm? then give height_scale = "
+        warnings.warn(
+            Doubt("crater in another unit", f"{said}{section.height_scale / 1e3:g}", section.name, {"depth_m": deep}),
+            stacklevel=2,
+        )
     axis = (section.axis[0] * scale, -section.axis[1] * scale) if section.axis else None
     return map_crater(z, scale, axis=axis, radius=p.radius), 2.0 * section.scale_sigma / scale, None
 
@@ -133,34 +131,3 @@ def read_map(section: CraterDepth) -> Array:
     if len(maps) != 1 or maps[0].ndim != 2 or maps[0].dtype.kind not in "fiu":
         raise ValueError(f"{path}: needs exactly one 2-D array of numbers; found {len(maps)}; save the map alone")
     return np.asarray(maps[0], dtype=float)
-
-
-def of_arrays(
-    picture: Any, *, scale: float, laser_angle: float | None = None, axis: Any = None, **parameters: Any
-) -> pd.Series:
-    """Volume change of a crater, negative where the bed was compacted, from a map of heights or a laser line.
-
-    picture (H, W): heights up [m], NaN where unknown; with laser_angle [rad], of the laser's plane over the ground, a
-    grey picture of its line from straight above. scale [m/px]. axis: of the crater, (column, row) of a map [px], column
-    of a line; default: found. parameters: those of [params.crater].
-
-    Series: volume_m3, sigma_m3, depth_m, rim_height_m, radius_m. Raises InputError for a parameter, ValueError where
-    there is no crater to be seen, with the reason.
-    """
-    p = of_keywords(CraterParams, parameters, scale=scale, laser_angle=laser_angle)
-    image = np.asarray(picture)
-    if laser_angle is None:
-        at = None if axis is None else (axis[0] * scale, -axis[1] * scale)
-        found = map_crater(image.astype(float), scale, axis=at, radius=p.radius)
-    else:
-        seen = laser_line(image, saturation=float(np.iinfo(image.dtype).max) if image.dtype.kind == "u" else None)
-        lost, rise = seen.flag != "", scale / math.sin(laser_angle)
-        if lost.all():
-            raise ValueError(f"crater: {seen.flag[0]}; a bright line on a darker bed is needed")
-        height = np.where(lost, np.nan, -seen.row * rise)
-        middle = None if axis is None else float(axis) * scale
-        found = line_crater(seen.column * scale, height, seen.sigma * rise, axis=middle, radius=p.radius)
-    if found.reason:
-        raise ValueError(f"crater: {found.reason}")
-    values = (found.volume, found.sigma, found.depth, found.rim_height, found.radius)
-    return pd.Series(dict(zip(("volume_m3", "sigma_m3", "depth_m", "rim_height_m", "radius_m"), values)), dtype=float)

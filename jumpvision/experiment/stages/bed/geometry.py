@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import warnings
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import scipy
@@ -15,9 +15,9 @@ from jumpvision.experiment.inputs.experiment import Experiment
 from jumpvision.experiment.inputs.model import ModelSpec
 from jumpvision.experiment.inputs.parameters import GeometryParams
 from jumpvision.experiment.inputs.sections import Actuation, Bed, Fan, NotApplicable, Preparation, Robot
-from jumpvision.experiment.results.values import BedHeight, Fluidisation, Geometry, GeometryValues
+from jumpvision.experiment.results.values import BedHeight, Checked, Fluidisation, Geometry, GeometryValues
 from jumpvision.experiment.workflow.stage import StageWarning, stage
-from jumpvision.jumper.mechanisms.ground import linear_penetration, two_resistance
+from jumpvision.jumper.mechanisms.ground import LINEAR_PENETRATION, TWO_RESISTANCE
 from jumpvision.jumper.physics import air
 from jumpvision.jumper.physics.air import Finding, floor, side_walls
 
@@ -56,7 +56,7 @@ def geometry(
             warnings.warn(f"{f.check}: {f.text}", StageWarning, stacklevel=2)
     return Geometry(
         {
-            "findings": [dataclasses.asdict(f) for f in findings],
+            "findings": [cast(Checked, dataclasses.asdict(f)) for f in findings],
             "bed_height_m": height,
             "volume_fraction": phi,
             "fluidisation": flow,
@@ -101,9 +101,11 @@ def static_resistance(model: ModelSpec | None, radius: float, p: GeometryParams)
     """F_p(z) [N] of the model, or of the usual poppy-seed bed where it gives none."""
     m = model.parameters if model else {}
     if {"k1", "k2", "delta"} <= set(m):
-        return lambda z: float(two_resistance(np, z, m["k1"], m["k2"], m["delta"]))
-    k = m.get("k", p.stiffness * math.pi * radius**2)
-    return lambda z: float(linear_penetration(np, z, k))
+        law, given = TWO_RESISTANCE.expression, dict(m)
+    else:
+        law, given = LINEAR_PENETRATION.expression, {"k": m.get("k", p.stiffness * math.pi * radius**2)}
+    assert law is not None
+    return lambda z: float(law(np, z=z, **given))
 
 
 def reach(robot: Robot, law: Actuation | None, resistance: Any) -> float | None:
@@ -167,4 +169,4 @@ def check_geometry(experiment: Experiment) -> tuple[GeometryValues | None, list[
             found = geometry(*given, None, p=parameters)
         except NotApplicable:
             return None, []
-    return found.checked, [str(w.message) for w in caught if issubclass(w.category, StageWarning)]
+    return found.values, [str(w.message) for w in caught if issubclass(w.category, StageWarning)]

@@ -5,21 +5,18 @@ from __future__ import annotations
 import warnings
 from dataclasses import replace
 from math import hypot
-from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from jumpvision.base.arrays import Array
-from jumpvision.experiment.inputs.parameters import BedParams, of_keywords
 from jumpvision.experiment.inputs.sections import Bed, BedImage, Calibration, need
-from jumpvision.experiment.results.values import BedHeight
+from jumpvision.experiment.results.values import BedHeight, BedValues
 from jumpvision.experiment.stages.recordings import open_pictures, other_lens, view_of
 from jumpvision.experiment.workflow.stage import StageWarning, stage
+from jumpvision.films.calibration import EDGE_OF_BED
+from jumpvision.films.parameters import BedParams
 from jumpvision.films.vision.camera import Camera
 from jumpvision.films.vision.surface import BedHeightPx, Surface, bed_height, bed_surface, volume_fraction
-
-EDGE_COMMON = 0.025  # px, by which all columns of one picture may be off together (light through the topmost grains)
 
 
 @stage(version=4)
@@ -45,7 +42,7 @@ def bed(image: BedImage, section: Bed | None, calibration: Calibration | None, *
         bed_height(replace(s, row=s.row - surfaces[0].row, common=s.common if s.clipped else 0.0), 0.0)
         for s in surfaces[1:]
     ]
-    common = np.sqrt(2.0) * EDGE_COMMON * scale
+    common = np.sqrt(2.0) * EDGE_OF_BED.value * scale
     change = [(0.0, 0.0), *((m.height, float(np.hypot(m.sigma, common))) for m in moved)]
     heights = [(f.height, f.sigma) for f in found]
     packings = [fraction(h, s, section, p, heights[0], c) for (h, s), c in zip(heights, change)]
@@ -53,7 +50,7 @@ def bed(image: BedImage, section: Bed | None, calibration: Calibration | None, *
     off = [hypot(view.scale_share * f.height, lens) for f, lens in zip(found, by_lens(found, other))]
     off_change = [view.scale_share * abs(c) for c, _ in change]
     off_packing = [fraction_common(f[0], h, o, section, p) for f, (h, _), o in zip(packings, heights, off)]
-    out: dict[str, Any] = {
+    out: BedValues = {
         "height_m": best.height,
         "sigma_m": hypot(best.sigma, off[chosen]),
         "sigma_common_m": off[chosen],
@@ -212,30 +209,3 @@ def contradicted(section: Bed | None, bed: BedHeight | None) -> str:
         f"[bed] volume_fraction = {given:g} goes before {seen:.4f} ± {sigma:.2g}, which the picture of the bed shows; "
         "leave it out to use what is measured"
     )
-
-
-def of_arrays(
-    pictures: Any, *, floor_row: float, scale: float | None = None, saturation: float | None = None, **parameters: Any
-) -> pd.DataFrame:
-    """Height of a bed above its floor in a back-lit picture (H, W), or in each of several (n, H, W): a row a picture.
-
-    floor_row: of the floor [px, down]. scale [m/px]: heights are in m with it, in px without. saturation: pixel value
-    of saturated light; default: the greatest of whole numbers. parameters: those of [params.bed] but the reference.
-
-    Columns: height, sigma, roughness (px or m, in their names), tilt_rad (positive where it rises to the right),
-    columns: how many were used; NaN where fewer than 8 show a surface. Raises InputError for a parameter, ValueError
-    for pictures that are not grey.
-    """
-    p = of_keywords(BedParams, parameters, folder=("reference_height", "reference_fraction"), scale=scale)
-    images = np.asarray(pictures)
-    images = images[None] if images.ndim == 2 else images
-    if images.ndim != 3 or not images.size:
-        raise ValueError(f"bed: pictures of shape {images.shape}: give one grey picture (H, W), or a stack (n, H, W)")
-    limit = saturation or (float(np.iinfo(images.dtype).max) if images.dtype.kind == "u" else None)
-    unit, size = ("px", 1.0) if scale is None else ("m", scale)
-    rows = []
-    for picture in images:
-        s = bed_surface(picture.astype(float), floor_row=floor_row, method=p.method, saturation=limit)
-        h = bed_height(s, floor_row)
-        rows.append((h.height * size, h.sigma * size, h.roughness * size, h.tilt, h.n))
-    return pd.DataFrame(rows, columns=[f"height_{unit}", f"sigma_{unit}", f"roughness_{unit}", "tilt_rad", "columns"])

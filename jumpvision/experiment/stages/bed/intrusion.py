@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from jumpvision.base.arrays import Array
+from jumpvision.base.parameters import of_keywords
 from jumpvision.estimate.estimate import Estimate, checked
 from jumpvision.estimate.penetration import (
     LAWS,
@@ -24,9 +25,9 @@ from jumpvision.estimate.penetration import (
 )
 from jumpvision.estimate.strokes import deep_ripple, fresh_samples, proportionality
 from jumpvision.experiment.inputs.logs import read_log
-from jumpvision.experiment.inputs.parameters import IntrusionParams, of_keywords
+from jumpvision.experiment.inputs.parameters import IntrusionParams
 from jumpvision.experiment.inputs.sections import IntrusionLog, Robot
-from jumpvision.experiment.results.values import Fits, Intrusion
+from jumpvision.experiment.results.values import ConeValues, Fits, Intrusion
 from jumpvision.experiment.workflow.stage import stage
 from jumpvision.jumper.mechanisms.cone import cone_volume, flat_volume
 
@@ -91,7 +92,7 @@ class Curves:
         """The likelier of the two, which tells the overshoots."""
         return self.cone if self.cone and self.cone.drawn.log > self.slopes.drawn.log else self.slopes
 
-    def cone_entry(self, theta: float, radius: float | None) -> dict[str, object] | None:
+    def cone_entry(self, theta: float, radius: float | None) -> ConeValues | None:
         """The fitted cone over the bins, in its parts, and its parameters."""
         if self.cone is None or radius is None:
             return None
@@ -115,8 +116,8 @@ def cone_family(R: float, theta: float) -> Family:
     area, whole = math.pi * R * R, R * math.tan(theta)
 
     def columns(z: Array, complete: float) -> Array:
-        flat = flat_volume(np, z, whole / complete, theta, R) / area
-        return np.stack([flat, cone_volume(np, z, whole / complete, theta, R)], axis=1)
+        cone = {"z": z, "mu": whole / complete, "theta": theta, "R": R}
+        return np.stack([flat_volume(np, **cone) / area, cone_volume(np, **cone)], axis=1)
 
     ends = whole / GROWTH[1], whole / GROWTH[0]
     return Family(("k1", "sigma_cone"), ("N/m", "N/m^3"), (0.0, area / math.cos(theta)), columns, range=ends)

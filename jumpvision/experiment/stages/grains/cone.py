@@ -14,6 +14,7 @@ from jumpvision.estimate.mean import near_the_median, plain_mean, weighted_mean
 from jumpvision.experiment.inputs.sections import Bed
 from jumpvision.experiment.results.fields import Column, Flow
 from jumpvision.experiment.stages.recordings import scaled
+from jumpvision.films.calibration import CONTOUR_OF_CONE
 from jumpvision.films.grains.column import beta_sensitivity
 from jumpvision.films.grains.cone import Cone, MassCurve, fit_mass_curve, solve_cone
 from jumpvision.films.grains.front import fit_mu
@@ -22,7 +23,6 @@ from jumpvision.films.grains.momentum import ANGLE, peak_momentum
 NAN = math.nan
 STRAY = 4.0  # robust sigmas from the median beyond which a frame's angle does not count
 APART = 10.0  # deg between side and contour of a frame that contradict each other (prescribed cones: up to 6)
-CONTOUR = 3.7  # deg: standard uncertainty of the contour as the cone's side (rms of eight films of prescribed cones)
 ALIKE = 2.0  # sigmas within which all frames continue the front of those before the cone is complete
 AROUND_PEAK = 3  # frames on each side of the largest momentum that the added mass is read from
 MOVING_WITH_FOOT = (0.7, 1.3)  # largest grain speed / foot speed while the foot pushes grains ahead of it
@@ -56,7 +56,7 @@ def cone_fits(column: Column) -> dict[str, Estimate]:
         )
     } | {"theta_outline_deg": contour}
     # where the side cannot be told, the contour stands in for it, with what it may be off
-    out["theta_deg"] = theta if theta is side else replace(theta, sigma=math.hypot(theta.sigma, CONTOUR))
+    out["theta_deg"] = theta if theta is side else replace(theta, sigma=math.hypot(theta.sigma, CONTOUR_OF_CONE.value))
     line = front_line(c, use, broad)
     out["mu"] = line.slope_estimate("")
     moved = [

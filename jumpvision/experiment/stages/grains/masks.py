@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -15,8 +14,7 @@ from jumpvision.experiment.stages.recordings import open_film, seen_straight
 from jumpvision.experiment.workflow.stage import StageWarning
 from jumpvision.films.frames import Film, open_frames
 from jumpvision.films.vision.foot_face import FootTrack
-
-Usable = Callable[[int], NDArray[np.bool_]]
+from jumpvision.films.vision.piv.engine import Usable
 
 
 class Drawn(Film):

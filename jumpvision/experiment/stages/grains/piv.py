@@ -7,28 +7,27 @@ import functools
 import multiprocessing
 import warnings
 from collections.abc import Iterable, Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from jumpvision import __version__
 from jumpvision.base.arrays import Array
 from jumpvision.base.progress import KEEPER, SHARE, WORKERS, Shared, in_parts, share_of, watch
-from jumpvision.experiment.inputs.parameters import PivParams, of_keywords
 from jumpvision.experiment.inputs.sections import Calibration, GrainMask, GrainVideo, PivField, Robot
 from jumpvision.experiment.results.fields import Piv
 from jumpvision.experiment.stages.recordings import open_grains
 from jumpvision.experiment.workflow.stage import StageWarning, stage
+from jumpvision.films.arrays.velocities import Places, ends, fields_of, header, matching, of_fields, velocities
 from jumpvision.films.frames import Film
-from jumpvision.films.grains.grid import VectorGrid
+from jumpvision.films.parameters import PivParams
 from jumpvision.films.vision.foot_face import FootTrack, track_foot
-from jumpvision.films.vision.piv.engine import best_prefilter, length_of_errors, piv_film, vector_places
-from jumpvision.films.vision.piv.pair import MEASURED, REASONS, VectorField, packed, unpacked
+from jumpvision.films.vision.piv.engine import Usable, best_prefilter
+from jumpvision.films.vision.piv.light import Light, light_of
+from jumpvision.films.vision.piv.pair import VectorField, packed, unpacked
 
-from .light import Light, light_of
-from .masks import Usable, both, drawn_mask, foot_mask, half_width
+from .masks import both, drawn_mask, foot_mask, half_width
 from .vectors import foreign_field
 
 UNEVEN = 0.02  # of the time between frames
@@ -72,13 +71,13 @@ def piv(
         # chosen once, so that the processes' parts of a film are alike
         first, second = light(frames[0], 0), light(frames[p.gap], p.gap)
         prefilter, _ = best_prefilter(first, second, mask=usable, gap=p.gap, **matching(p))
-        data = header(frames.time, frames.shape, film, prefilter, stride, p)
+        data = header(frames.time, frames.shape, placed(film), prefilter, stride, p)
         if foot is not None:
             add_foot(data, foot, frames.time, film, stride, p)
         job = Job(given, mask, calibration, robot, foot, light, prefilter, stride, p)
         begin, end = ends(frames.time, stride, p)
-        fields = matched(frames, job, usable)
-        return Piv.write(data, (as_dataset(f, film, d) for f, d in zip(fields, of_fields(end - begin, p))))
+        fields, scale = matched(frames, job, usable), film.scale
+        return Piv.write(data, (velocities(f, scale, d) for f, d in zip(fields, of_fields(end - begin, p))))
 
 
 def stride_of(film: GrainVideo, p: PivParams) -> int:
@@ -110,21 +109,11 @@ class Job(NamedTuple):
         images: Iterable[NDArray[np.generic]],
         first: int,
         usable: Usable | None,
-        begun: VectorField | None = None,
     ) -> Iterator[VectorField]:
-        """Fields of frames from `first` on; begun: that of the first pair, where it is known."""
-        p = self.p
-        return piv_film(
-            (self.light(image, i) for i, image in enumerate(images, first)),
-            mask=usable and (lambda k: usable(first + k)),
-            gap=p.gap,
-            baseline=p.baseline,
-            ensemble=p.ensemble,
-            stride=self.stride,
-            prefilter=self.prefilter,
-            begun=begun,
-            **matching(p),
-        )
+        """Fields of frames from `first` on."""
+        lit = (self.light(image, i) for i, image in enumerate(images, first))
+        shown = usable and (lambda k: usable(first + k))
+        return fields_of(lit, shown, self.prefilter, self.stride, self.p)
 
     def part(self, frames: Film, usable: Usable | None, part: tuple[int, int]) -> list[VectorField]:
         """Fields of the pairs whose first frame is from part[0] on, before part[1]."""
@@ -194,12 +183,6 @@ def _opened(given: GrainVideo, calibration: Calibration | None) -> tuple[Film, G
         return open_grains(given, calibration)
 
 
-def matching(p: PivParams) -> dict[str, Any]:
-    """What `piv_film` calls settings."""
-    names = "preset", "smooth", "window", "step", "passes", "min_correlation", "min_texture", "outlier", "backend"
-    return {name: getattr(p, name) for name in names}
-
-
 def follow_foot(frames: Film, film: GrainVideo, robot: Robot | None, p: PivParams) -> FootTrack | None:
     """Row of the foot's lower face in every frame, where the first frame's is given."""
     if film.foot_row is None or film.axis_column is None:
@@ -232,112 +215,11 @@ def follow_foot(frames: Film, film: GrainVideo, robot: Robot | None, p: PivParam
     return found
 
 
-def ends(time: Array, stride: int, p: PivParams) -> tuple[Array, Array]:
-    """Times (pairs,) of the first and the second frame of every pair."""
-    return time[: len(time) - p.gap : stride], time[p.gap :: stride]
-
-
-def of_fields(values: Array, p: PivParams) -> Array:
-    """Means of the values of pairs over the pairs of each field."""
-    first = np.arange(0, len(values), p.ensemble)
-    return np.asarray(np.add.reduceat(values, first) / np.diff(first, append=len(values)))
-
-
-def header(
-    time: Array, shape: tuple[int, int], film: GrainVideo, prefilter: float, stride: int, p: PivParams
-) -> xr.Dataset:
-    """Places, times and attributes of pivpy schema 1: y up, origin as in the contract, SI where the scale is known."""
-    begin, end = ends(time, stride, p)
-    x, y = (vector_places(n, p.window, p.step) for n in shape[::-1])
-    origin_x, origin_y = origin(film)
-    grid = VectorGrid(
-        delta_t=float(np.median(end - begin)),
-        source=f"jumpvision {__version__}",
-        scale_m_per_px=film.scale or np.nan,
-        scale_share=film.scale_sigma / film.scale if film.scale else 0.0,
-        origin_column_px=origin_x,
-        origin_row_px=origin_y,
-        window_px=p.window,
-        step_px=p.step,
-        error_px=length_of_errors(p.window, p.step, p.preset),
-        image_rows=shape[0],
-        image_columns=shape[1],
-        gap_frames=p.gap,
-        ensemble_pairs=p.ensemble,
-        stride_frames=stride,
-    )
-    scale, unit = film.scale or 1.0, grid.unit
-    places = xr.Dataset(
-        coords={
-            "x": ("x", (x - origin_x) * scale, {"units": unit, "long_name": "right"}),
-            "y": ("y", -(y - origin_y) * scale, {"units": unit, "long_name": "up"}),
-            "t": ("t", of_fields(0.5 * (begin + end), p), {"units": "s", "long_name": "mid-time, common clock"}),
-        }
-    )
-    return Piv.described(
-        places,
-        grid,
-        matched=True,
-        files=[film.file],
-        preset=p.preset,
-        smooth=p.smooth,
-        baseline_frames=p.baseline,
-        where="a vector is the velocity at (x, y) half-way in time between its two frames; x right, y up",
-        prefilter_px=prefilter,
-    )
-
-
-def as_dataset(f: VectorField, film: GrainVideo, dt: float) -> xr.Dataset:
-    """One pixel field as velocities, y up."""
-    scale, unit = (film.scale, "m") if film.scale else (1.0, "px")
-
-    def speed(values: Array, sign: float = 1.0, **attrs: str) -> tuple[tuple[str, str], Array, dict[str, str]]:
-        return ("y", "x"), values * (sign * scale / dt), {"units": f"{unit}/s", **attrs}
-
-    return xr.Dataset(
-        {
-            "u": speed(f.u, standard_name="u_velocity"),
-            "v": speed(f.v, -1.0, standard_name="v_velocity"),
-            "u_sigma": speed(f.u_sigma),
-            "v_sigma": speed(f.v_sigma),
-            "u_raw": speed(f.u_raw),
-            "v_raw": speed(f.v_raw, -1.0),
-            "u_matched": speed(f.matched[0]),
-            "v_matched": speed(f.matched[1], -1.0),
-            "u_matched_sigma": speed(f.matched[2]),
-            "v_matched_sigma": speed(f.matched[3]),
-            "chc": (
-                ("y", "x"),
-                np.isin(f.reason, MEASURED).astype(float),
-                {
-                    "units": "1",
-                    "standard_name": "validity_flag",
-                },
-            ),
-            "correlation": (("y", "x"), f.correlation, {"units": "1"}),
-            "reason": (
-                ("y", "x"),
-                f.reason.astype(np.int8),
-                {
-                    "units": "1",
-                    "flag_values": np.array(sorted(REASONS), np.int8),
-                    "flag_meanings": " ".join(_word(REASONS[k]) for k in sorted(REASONS)),
-                    "long_name": "; ".join(f"{k}: {REASONS[k]}" for k in sorted(REASONS)),
-                },
-            ),
-        }
-    )
-
-
-def _word(meaning: str) -> str:
-    """A CF flag meaning: one word."""
-    return meaning.split(":")[0].split(",")[0].replace(" (", "_").replace(")", "").replace(" ", "_")
-
-
-def origin(film: GrainVideo) -> tuple[float, float]:
-    """Column, row of the field's origin: the foot's face on its axis in the first frame, else the top-left pixel."""
-    known = film.foot_row is not None and film.axis_column is not None
-    return (film.axis_column, film.foot_row) if known else (0.0, 0.0)  # type: ignore[return-value]
+def placed(film: GrainVideo) -> Places:
+    """Where the film's pixels lie: from the foot's face on its axis in the first frame, else from the first pixel."""
+    at_foot = film.foot_row is not None and film.axis_column is not None
+    column, row = (film.axis_column, film.foot_row) if at_foot else (0.0, 0.0)
+    return Places(film.file, film.scale, film.scale_sigma, column, row)  # type: ignore[arg-type]
 
 
 def add_foot(data: xr.Dataset, foot: FootTrack, time: Array, film: GrainVideo, stride: int, p: PivParams) -> None:
@@ -355,44 +237,3 @@ def add_foot(data: xr.Dataset, foot: FootTrack, time: Array, film: GrainVideo, s
         ("foot_v_sigma", spread * scale / dt, {"units": f"{unit}/s"}),  # of one pair: that of a mean is no larger
     ):
         data[name] = ("t", of_fields(values, p), dimension)
-
-
-def of_arrays(
-    a: Any, b: Any = None, *, frame_rate: float = 1.0, scale: float | None = None, mask: Any = None, **parameters: Any
-) -> xr.Dataset:
-    """Velocity field from frame a to frame b, or of every neighbouring pair of the frames a (n, H, W) or a sequence.
-
-    Images (H, W) grey, of any number type; NaN pixels count as masked. frame_rate [1/s]: default one frame a second,
-    so that speeds are px per frame. scale [m/px]: speeds are in m/s and places in m with it, in px without.
-    mask (H, W), or (n, H, W) of every frame: True where usable. parameters: those of [params.piv], such as window=32,
-    step=8.
-
-    Data set over (y, x), with t before them where there are more than two frames: u right, v up, u_sigma, v_sigma,
-    correlation, reason (0: measured as it stands); x right and y up from the first pixel. Raises InputError for a
-    parameter, ValueError for frames that differ in shape.
-    """
-    p = of_keywords(PivParams, parameters, folder=("foot_rows",), frame_rate=frame_rate, scale=scale)
-    frames = [np.asarray(f) for f in (a if b is None else (a, b))]
-    if len(frames) <= p.gap or any(f.ndim != 2 for f in frames):
-        shapes = ", ".join(str(f.shape) for f in frames[:3])
-        raise ValueError(f"piv: {len(frames)} frame(s) {shapes}: give two grey images (H, W), or more in one stack")
-    masks, film = usable_of(mask, len(frames)), GrainVideo("images", scale=scale)
-    light = light_of(frames, 1, p)
-    ends = light(frames[0], 0), light(frames[p.gap], p.gap)
-    prefilter, begun = best_prefilter(*ends, mask=masks, gap=p.gap, **matching(p))
-    time = np.arange(len(frames)) / frame_rate
-    head = header(time, frames[0].shape, film, prefilter, 1, p)
-    found = Job(film, None, None, None, None, light, prefilter, 1, p).fields(frames, 0, masks, begun)
-    fields = [as_dataset(f, film, p.gap / frame_rate) for f in found]
-    whole = xr.concat(fields, dim="t").assign_coords(head.coords).assign_attrs(head.attrs)
-    return whole if len(frames) > 2 else whole.isel(t=0)
-
-
-def usable_of(mask: Any, n: int) -> Usable | None:
-    """Usable pixels of frame k by one mask (H, W), or by one of each of n frames."""
-    if mask is None:
-        return None
-    given = np.asarray(mask, bool)
-    if given.ndim == 3 and len(given) != n:
-        raise ValueError(f"piv: mask has shape {given.shape}: give one (H, W), or one of each of the {n} frames")
-    return lambda k: given if given.ndim == 2 else given[k]

@@ -212,7 +212,9 @@ def _summary(classes, sectors, contrast, streak):  # type: ignore[no-untyped-def
 
 SECTOR_OFF = 0.5  # a sector of the rim whose contrast is off by more than this part is covered
 SURE = 6.0  # standard deviations of a sector's shift from which on it counts as one
-RIM_FREEDOM = 12.7  # of the 16 sectors' shifts, what the fit leaves free (white noise, diameters 10-40 px)
+# Of the 16 sectors' shifts, what the fit leaves free; enters every sigma of a disc by the rim factor. Set on white
+# noise, diameters of 10-40 px (2026-11-21); benchmarks/ball.py judges sigma on drawn discs of the same kind.
+RIM_FREEDOM = 12.7
 # Drift of the lighting gradients a frame, as part of the contrast: first guess (the background changes most, as the
 # ball passes over it), least, and how fast it follows what the frames show
 DRIFT = np.array([0.01, 0.01, 0.003, 0.003])

@@ -21,6 +21,7 @@ from .disc import WX, WY, A
 from .measure import AS_THEY_ARE, Block, Found, window_half
 from .moving import MOST_FRAMES, AtHand
 from .proof import proved, standing, stands
+from .reasons import Flag, Reason
 from .refine import refined
 from .track import BallSettings, BallTrack, BallTracker, as_track
 
@@ -239,7 +240,7 @@ def together(trackers: Sequence[BallTracker], views: Sequence[View], before: Seq
             g = found[m]
             if not f.flag and not g.flag and math.hypot(f.x - g.x, f.y - g.y) < SAME * f.diameter:
                 worse = k if _off(f, expected[k]) > _off(g, expected[m]) else m
-                found[worse] = Found("lost: at another ball")
+                found[worse] = Found(Flag(Reason.OTHER_BALL))
     return [t.keep(f) for t, f in zip(trackers, found, strict=True)]
 
 

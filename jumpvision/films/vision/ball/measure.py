@@ -14,8 +14,8 @@ from jumpvision.base.arrays import Array
 from . import disc
 from .background import Background, View
 from .disc import BX, FACTOR, FRAMES, GY, NOISE_FRAMES, SEEN, WX, WY, A, B, R, S, X, Y, learn, rim_faults
+from .reasons import GOOD, Flag, Reason
 from .search import half_height_centroid
-from .sums import SECTORS
 
 MIN_CONTRAST = 3.0  # ball over background in standard deviations of the noise of one pixel
 DIAMETER_GIVEN = 0.25  # allowed relative difference from the diameter that was given
@@ -42,10 +42,10 @@ class Start(NamedTuple):
 
 
 class Found(NamedTuple):
-    """A measurement; flag "" when good. fit: the disc fit, where there is one and it was not `follow` that made it; p:
-    its parameters. rivals: centres (x, y) of other balls in the frame that it was first found in [px]."""
+    """A measurement; flag false when good. fit: the disc fit, where there is one and it was not `follow` that made it;
+    p: its parameters. rivals: centres (x, y) of other balls in the frame that it was first found in [px]."""
 
-    flag: str
+    flag: Flag
     x: float = math.nan
     y: float = math.nan
     sigma: float = math.nan
@@ -64,21 +64,10 @@ class Wanted(NamedTuple):
     given: float
 
 
-# What may be wrong with a fit, by the number that `_judge` gives; {0}, {1}: the two values beside it
-VERDICTS = (
-    "",
-    "lost: the fit did not converge",
-    "lost: no contrast",
-    "lost: contrast {0:.3g} instead of {1:.3g}",
-    "lost: no sharp edge",
-    "at the image edge",
-    f"occluded: {{0:.0f}} of {SECTORS} sectors",
-    "occluded: the rim is off by {0:.2g} px",
-    "occluded: {0:.0%} of the edge does not fit",
-    "diameter off: {0:.4g} px instead of {1:.4g}",
-    "poor fit: chi2 {0:.3g} per degree of freedom",
-    "lost: position uncertain",
-)
+# What may be wrong with a fit, as `_judge` numbers it: the first members of Reason, in their order
+FITS, NOT_CONVERGED, NO_CONTRAST, OTHER_CONTRAST, NO_EDGE, AT_BORDER = range(6)
+COVERED_SECTORS, COVERED_RIM, COVERED_EDGE, OTHER_DIAMETER, POOR_FIT, UNCERTAIN_PLACE = range(6, 12)
+VERDICTS = tuple(Reason)
 
 
 @njit(cache=True, error_model="numpy")
@@ -86,37 +75,37 @@ def _judge(fit, sigma, height, width, noise, fresh, wanted, memory):  # type: ig
     """(number of a VERDICT, its two values); fit: the fields of DiscFit."""
     p, cov, _, chi2, sectors, shifts, sigmas, dropped, good = fit
     if not good or not math.isfinite(sigma):
-        return 1, 0.0, 0.0
+        return NOT_CONVERGED, 0.0, 0.0
     d, contrast = 2.0 * p[R], wanted.sign * (p[A] - p[B])
     if contrast <= MIN_CONTRAST * math.sqrt(noise):
-        return 2, 0.0, 0.0
+        return NO_CONTRAST, 0.0, 0.0
     before = wanted.sign * (memory.last[A] - memory.last[B])
     if before > 0.0 and not 1.0 / CONTRAST_SEEN < contrast / before < CONTRAST_SEEN:
-        return 3, contrast, before
+        return OTHER_CONTRAST, contrast, before
     if p[S] > 0.35 * p[R]:
-        return 4, 0.0, 0.0
+        return NO_EDGE, 0.0, 0.0
     wx, wy = (abs(p[WX]), abs(p[WY])) if wanted.streak else (0.0, 0.0)
     reach = p[R] + 1.5 * p[S]
     if not (
         reach + 0.5 * wx < p[X] < width - 1 - reach - 0.5 * wx
         and reach + 0.5 * wy < p[Y] < height - 1 - reach - 0.5 * wy
     ):
-        return 5, 0.0, 0.0
+        return AT_BORDER, 0.0, 0.0
     off, dent = rim_faults(sectors, shifts, sigmas, memory.rim, memory.mean[FACTOR])
     if off > MOST_SECTORS_OFF:
-        return 6, float(off), 0.0
+        return COVERED_SECTORS, float(off), 0.0
     if dent > min(RIM_OFF * d, RIM_OFF_PX):
-        return 7, dent, 0.0
+        return COVERED_RIM, dent, 0.0
     if dropped > MOST_DROPPED:
-        return 8, dropped, 0.0
+        return COVERED_EDGE, dropped, 0.0
     for expected, most in ((wanted.given, DIAMETER_GIVEN), (memory.mean[SEEN], DIAMETER_SEEN)):  # NaN: not known
         if abs(d - expected) > most * expected + 5.0 * math.sqrt(cov[R, R]):
-            return 9, d, expected
+            return OTHER_DIAMETER, d, expected
     if not fresh and chi2 > MOST_CHI2:
-        return 10, chi2, 0.0
+        return POOR_FIT, chi2, 0.0
     if sigma > (UNCERTAIN_FRESH if fresh else UNCERTAIN) * d:
-        return 11, 0.0, 0.0
-    return 0, 0.0, 0.0
+        return UNCERTAIN_PLACE, 0.0, 0.0
+    return FITS, 0.0, 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -257,24 +246,24 @@ class DiscMeasure:
         part = view.part(y0, y1, x0, x1)
         crop = np.ascontiguousarray(part, dtype=np.float64)
         if min(crop.shape) < 4:
-            return Found("lost: outside the image")
+            return Found(Flag(Reason.OUTSIDE))
         p = self.memory.last.copy()
         p[X], p[Y], p[WX], p[WY] = start.x - x0, start.y - y0, start.wx, start.wy
         if fresh or start.rough:
             levels = _levels(crop, p[X], p[Y], start)
             if levels is None:
-                return Found("lost: pixels not finite")
+                return Found(Flag(Reason.NOT_FINITE))
             p[R], p[S] = 0.5 * start.d, max(0.8, 0.06 * start.d)
             p[B], p[A] = levels
         contrast = abs(float(p[A] - p[B]))
         if not contrast > 0.0:
-            return Found("lost: no contrast")
+            return Found(Flag(Reason.NO_CONTRAST))
         floor = DIGITS if part.dtype.kind in "ui" else (1e-4 * contrast) ** 2
         loose = fresh or start.rough
         fit, noise, sigma, (verdict, *values) = _fitted(
             crop, p, x0, y0, height, width, floor, loose, fresh, self.wanted, self.memory
         )
-        q, flag = fit[0], VERDICTS[verdict].format(*values)
+        q, flag = fit[0], Flag(VERDICTS[verdict], tuple(values)) if verdict else GOOD
         found = disc.DiscFit(q, fit[1], noise, *fit[3:])
         return Found(flag, float(q[X]), float(q[Y]), sigma, 2.0 * float(q[R]), found.chi2, found, q)
 
@@ -287,7 +276,7 @@ class DiscMeasure:
         gain, offset = (scene.gain, scene.offset) if scene else (NO_PIXELS, NO_PIXELS)
         n = _follow(*block, *shape, gain, offset, first, float(search), self.wanted, self.memory, out)
         rows = out[first : first + n]
-        return [Found("", x, y, s, d, chi2, p=p) for (x, y, s, d, chi2), p in zip(rows[:, :5].tolist(), rows[:, 5:])]
+        return [Found(GOOD, x, y, s, d, chi2, p=p) for (x, y, s, d, chi2), p in zip(rows[:, :5].tolist(), rows[:, 5:])]
 
     def accept(self, found: Found) -> None:
         fit = found.fit
@@ -315,16 +304,16 @@ class ThresholdMeasure:
         x0, y0 = max(0, int(start.x - half)), max(0, int(start.y - half))
         crop = np.asarray(view.part(y0, int(start.y + half) + 2, x0, int(start.x + half) + 2), dtype=np.float64)
         if min(crop.shape) < 4:
-            return Found("lost: outside the image")
+            return Found(Flag(Reason.OUTSIDE))
         c = half_height_centroid(crop, (start.x - x0, start.y - y0), start.d, self.polarity)
         if c is None:
-            return Found("lost: no contrast")
-        found = Found("", c.x + x0, c.y + y0, c.sigma, c.diameter)
+            return Found(Flag(Reason.NO_CONTRAST))
+        found = Found(GOOD, c.x + x0, c.y + y0, c.sigma, c.diameter)
         if c.cut:
-            return found._replace(flag="at the image edge")
+            return found._replace(flag=Flag(Reason.AT_BORDER))
         for expected, most in ((self.given, DIAMETER_GIVEN), (self.seen, DIAMETER_SEEN)):
             if expected is not None and abs(c.diameter - expected) > most * expected:
-                return found._replace(flag=f"diameter off: {c.diameter:.4g} px instead of {expected:.4g}")
+                return found._replace(flag=Flag(Reason.OTHER_DIAMETER, (c.diameter, expected)))
         return found
 
     def accept(self, found: Found) -> None:

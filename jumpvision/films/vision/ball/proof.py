@@ -17,6 +17,7 @@ from .background import Background, View
 from .disc import A, B
 from .measure import DiscMeasure, Found, Start
 from .moving import MOST_FRAMES, AtHand, Frames, Path, Spot, at, elsewhere, moving_paths, still_scene
+from .reasons import Flag, Reason
 from .track import MIN_DIAMETER, BallSettings, BallTrack, BallTracker, as_track
 
 MOVES = 1.0  # diameters: a track that reaches less far stands still
@@ -29,7 +30,8 @@ GAINS = 1.1  # the search must find the ball moving in so many times as many fra
 PLACE, STAYS, PLACES = 0.2, 3, 5  # diameters; frames there; places that are looked at
 AWAY, ASKED = 1.2, 3  # diameters; frames that are asked whether the same stands there without the ball
 STANDS = "doubt: the same stands here in frame {} while the ball is at ({:.0f}, {:.0f})"
-STILL = "doubt: stands still while something moves at ({:.0f}, {:.0f}); give track.seed = [column, row]"
+STILL = "doubt: stands still while something moves at ({:.0f}, {:.0f})"
+REMEDY = "; give track.seed = [column, row]"
 
 
 def proved(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTrack:
@@ -58,9 +60,10 @@ def proved(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTrac
             contrast = abs(float(fit.fit.p[A] - fit.fit.p[B])) if fit is not None and fit.fit else 50.0
             other = elsewhere(frames, scene, *place, d, contrast)
             if other is not None:
-                said = STILL.format(*other)
+                doubt = STILL.format(*other)
                 if settings.seed is not None:  # a click is believed, and the doubt told
-                    return replace(track, notes=(*track.notes, said.partition(";")[0]))
+                    return replace(track, notes=(*track.notes, doubt))
+                said = doubt + REMEDY
                 flag = np.where(good, said, track.flag)
                 return _without(replace(track, notes=(*track.notes, said)), flag)
     return track
@@ -110,7 +113,7 @@ def _next(tracker: BallTracker, view: View, path: Path, i: int, spot: Spot | Non
     (x, y), d = at(path, i), path[0].d
     found = tracker.measurer.measure(view, Start(x, y, d, 0.0, 0.0, True), fresh=False)
     near = not found.flag and math.hypot(found.x - x, found.y - y) < ON_PATH * d
-    return tracker.keep(found if near else Found(found.flag or "lost: hidden"))
+    return tracker.keep(found if near else Found(found.flag or Flag(Reason.HIDDEN)))
 
 
 def standing(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTrack:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from .background import Background, View
 from .disc import WX, WY
 from .measure import AS_THEY_ARE, Block, DiscMeasure, Found, Start, ThresholdMeasure, span
+from .reasons import COVERED, GOOD, Flag, Reason
 from .search import Blob, find_blobs
 
 MIN_DIAMETER = 6.0  # px: below it neither the fit nor the search has enough rim
@@ -83,7 +84,7 @@ def as_track(found: Sequence[Found]) -> BallTrack:
     good = [f if not f.flag else Found(f.flag) for f in found]
     numbers = np.array([(f.x, f.y, f.sigma, f.diameter, f.chi2) for f in good], dtype=np.float64).reshape(-1, 5)
     x, y, sigma, size, chi2 = numbers.T.copy()
-    return BallTrack(x, y, sigma, size, chi2, np.array([f.flag for f in good], dtype=np.str_))
+    return BallTrack(x, y, sigma, size, chi2, np.array([str(f.flag) for f in good], dtype=np.str_))
 
 
 class BallTracker:
@@ -134,7 +135,7 @@ class BallTracker:
         if self.last is None:
             return self._at_hint(view, hint) or self._first(view, others)
         start = self._predicted()
-        flag = f"lost: no ball found within {self.search:g} diameters (track.search)"
+        flag = Flag(Reason.NOT_NEAR, (self.search,))
         if self.lost == 0 or (self.trust and hint is not None):
             near = start
             if hint is not None and hint.p is not None:
@@ -176,7 +177,7 @@ class BallTracker:
     def _first(self, view: View, others: Sequence[tuple[float, float]]) -> Found:
         """The ball in a frame where nothing is known but perhaps the seed."""
         if not np.isfinite(image := view.everything()).any():
-            return Found("lost: no finite pixel")
+            return Found(Flag(Reason.NO_PIXEL))
         blobs = self._blobs(image)
         found: list[Found] = []
         flags: list[Found] = []
@@ -189,16 +190,16 @@ class BallTracker:
             near = [f for f in found[:1] if math.hypot(f.x - sx, f.y - sy) < max(0.6, self.search) * f.diameter]
             if near:
                 return near[0]._replace(rivals=tuple((f.x, f.y) for f in found[1:]))
-            return Found(flags[0].flag if flags else "lost: no ball near the seed")
+            return Found(flags[0].flag if flags else Flag(Reason.NOT_AT_SEED))
         found = [f for f in _distinct(found) if not _nearer(f, others, None)]
         if len(found) == 1:
             return found[0]
         if found:
             places = ", ".join(f"({f.x:.0f}, {f.y:.0f})" for f in found[:3])
-            return Found(f"lost: {len(found)} balls, at {places}; give a seed or the diameter")
-        return Found(flags[0].flag if flags else "lost: no ball found")
+            return Found(Flag(Reason.WHICH, (len(found), places)))
+        return Found(flags[0].flag if flags else Flag(Reason.NO_BALL))
 
-    def _again(self, view: View, predicted: Start, flag: str, others: Sequence[tuple[float, float]]) -> Found:
+    def _again(self, view: View, predicted: Start, flag: Flag, others: Sequence[tuple[float, float]]) -> Found:
         """Search around the prediction in a window that grows with every lost frame, to the whole image in the end."""
         x, y, d = predicted.x, predicted.y, predicted.d
         reach = self.search * d * (self.lost + 1)
@@ -207,7 +208,7 @@ class BallTracker:
         if whole:
             part = view.everything()
             if not np.isfinite(part).any():
-                return Found("lost: no finite pixel")
+                return Found(Flag(Reason.NO_PIXEL))
         else:
             half = reach + 1.5 * d
             x0, y0 = max(0, int(x - half)), max(0, int(y - half))
@@ -218,22 +219,23 @@ class BallTracker:
         found, covered = [], []
         for start in starts:
             f = self.measurer.measure(view, start, fresh=False)
-            if f.flag.startswith("poor fit"):  # the scene's noise may have changed: judge it by this frame alone
+            if f.flag.reason is Reason.POOR_FIT:  # the scene's noise may have changed: judge it by this frame alone
                 f = self.measurer.measure(view, start, fresh=True)
             if not f.flag:
                 found.append(f)
-            elif f.flag.startswith(("occluded", "diameter off")):
+            elif f.flag.reason in COVERED:
                 covered.append((math.hypot(f.x - x, f.y - y), f.flag))
         ours = self._not_rivals(_distinct(found), predicted, reach)
         ours = [f for f in ours if not _nearer(f, others, (x, y))]
         if not ours:
-            return Found("lost: left the image" if self._left(view.shape, x, y) else flag)
+            return Found(Flag(Reason.LEFT) if self._left(view.shape, x, y) else flag)
         away = [math.hypot(f.x - x, f.y - y) for f in ours]
-        if covered and min(covered)[0] < min(away[0] - 0.25 * d, 0.75 * d):
-            return Found(min(covered)[1])  # ours is the covered one where it should be, not the one beside
+        nearest = min(covered, key=lambda c: c[0], default=(math.inf, GOOD))
+        if nearest[0] < min(away[0] - 0.25 * d, 0.75 * d):
+            return Found(nearest[1])  # ours is the covered one where it should be, not the one beside
         # Two balls within what the ball may have moved while lost: no picture tells which is ours
         if len(ours) > 1 and away[1] < away[0] + 0.5 * d * self.lost:
-            return Found(f"lost: {len(ours)} balls alike")
+            return Found(Flag(Reason.ALIKE, (len(ours),)))
         return ours[0]
 
     def _left(self, shape: tuple[int, int], x: float, y: float) -> bool:

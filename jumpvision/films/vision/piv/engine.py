@@ -14,6 +14,7 @@ import scipy
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
+from jumpvision.films.calibration import FOREIGN_PIXEL, SPLINE_ERROR, STILL_MOVING, STILL_MOVING_FROM
 
 from . import pair as code
 from .frame import GAIN, LIGHT, STRONG, Frame, prepare, roughness, sharp
@@ -24,17 +25,12 @@ from .scales import Noise, drawn_together, true_noise
 from .solve import COVERED, FLAT, STEPPED
 from .validate import error_length, factors, local_median, noise_within, normalised_median, unresolved
 
+Usable = Callable[[int], Mask]  # (H, W) of frame k, True where it is usable
+
 MAX_SIGMA = 2.0  # px, a match less certain than this is no match; below it, its sigma says what it is worth
 LARGEST_STEP = 0.25  # of the window; a step further has left the texture it was computed from
 STIFFNESS = 1.0  # of the surface through the vectors: damps noise between neighbours, keeps waves of 6 vectors to 1 %
 NEAR = 3  # vectors, side of the neighbourhood over which the square of the last change is averaged
-SETTLED = 0.5  # of sigma^2: a smaller change is noise
-# by preset: squared error over what of the last change is beyond it; error [px] of a cubic spline between whole pixels
-# on grains of 3-4 px
-STILL_OFF = {"default": 8.0, "fast": 1.0, "sharp": 8.0}
-SPLINE = {"default": 0.0, "fast": 0.003, "sharp": 0.0}
-# times what the median window leaves of the frames' difference, beyond which a pixel beside a jump counts by half
-FOREIGN, LEAST = 5.0, 0.01  # and the least [grey^2] that it leaves
 TOO_MANY = 0.01  # share of failed vectors above which a correlation is asked for other starts
 TRIAL = 384  # px, side of the middle part with which a second prefilter is tried
 MARGIN = 12  # px of border around a frame beyond half a window: gradient stencil, spline, half of a displacement
@@ -60,7 +56,7 @@ def piv_pair(
 def piv_film(
     images: Iterable[NDArray[np.generic]],
     *,
-    mask: Callable[[int], Mask | None] | None,
+    mask: Usable | None,
     gap: int,
     baseline: int = 1,
     ensemble: int = 1,
@@ -72,7 +68,7 @@ def piv_film(
 ) -> Iterator[VectorField]:
     """Fields of the frame pairs (k, k + gap), k = 0, stride, ...; about ensemble + gap or baseline frames are held.
 
-    mask(k): usable pixels (H, W) of frame k, or None. baseline: pairs 3, 9, ... times as far apart about the same
+    mask(k): usable pixels (H, W) of frame k. baseline: pairs 3, 9, ... times as far apart about the same
     mid-time, up to that many frames, are combined with each (see `multiframe`). ensemble: so many consecutive pairs are
     matched together and give one field, for steady flow; the last may hold fewer. stride: frames from one pair to the
     next, 2 for double exposures, where baseline is 1 and gap below it. prefilter: [px] of all frames, None:
@@ -140,7 +136,7 @@ def best_prefilter(
     a: NDArray[np.generic],
     b: NDArray[np.generic],
     *,
-    mask: Callable[[int], Mask | None] | None,
+    mask: Usable | None,
     gap: int,
     **settings: Any,
 ) -> tuple[float, VectorField | None]:
@@ -249,10 +245,10 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     noise = Noise(s.window, s.step, STIFFNESS, times)
     sigma *= true_noise(whole, sigma[:2], noise)
     missed = unresolved(m.finer, measured, s.window, s.step, noise_within(*noise))
-    missed += STILL_OFF[s.preset] * _under_way(np.nan_to_num(m.p[:2] - start), np.nan_to_num(sigma[:2]))
+    missed += STILL_MOVING.value[s.preset] * _under_way(np.nan_to_num(m.p[:2] - start), np.nan_to_num(sigma[:2]))
 
     def stated(spread: Array, share: Array | float) -> Array:
-        sigma = np.sqrt(spread**2 + share * missed + SPLINE[s.preset] ** 2)
+        sigma = np.sqrt(spread**2 + share * missed + SPLINE_ERROR.value[s.preset] ** 2)
         return np.where(measured, sigma, np.where(holes, scatter, np.nan))
 
     matched = np.concatenate([filled, stated(sigma[:2], 1.0)])
@@ -288,7 +284,7 @@ def _under_way(change: Array, sigma: Array) -> Array:
     In a band the steps come to rest slowly; the finer windows tell it over a neighbourhood only.
     """
     about = np.stack([cv2.blur(q * q, (NEAR, NEAR), borderType=cv2.BORDER_REFLECT) for q in change])
-    return np.asarray(np.maximum(about - SETTLED * sigma**2, 0))
+    return np.asarray(np.maximum(about - STILL_MOVING_FROM.value * sigma**2, 0))
 
 
 def _beside_jumps(pairs: Pairs, grid: Grid, m: Match, measured: NDArray[np.bool_], whole: Array, s: Settings) -> Array:
@@ -297,7 +293,8 @@ def _beside_jumps(pairs: Pairs, grid: Grid, m: Match, measured: NDArray[np.bool_
     Each then speaks for its own side; over both sides together their mean would be wrong, so `matched` has them not.
     """
     assert m.jump is not None
-    foreign = FOREIGN * math.sqrt(max(float(np.median(m.rest[np.isfinite(m.rest)])), LEAST))
+    usual = float(np.median(m.rest[np.isfinite(m.rest)]))
+    foreign = FOREIGN_PIXEL.value * math.sqrt(max(usual, 0.01))  # grey^2: rounding leaves as much
     rows = np.flatnonzero((m.jump > 0).any(1))
     again = refine(pairs, grid, whole, s.min_texture, measured, False, foreign, slice(rows[0], rows[-1] + 1))
     near = np.hypot(*(again.p[:2] - whole)) < LARGEST_STEP * s.window

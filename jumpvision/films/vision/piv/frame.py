@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array, Float32
 from jumpvision.base.threads import at_once
+from jumpvision.films.calibration import FOLDED_PARTICLES, LEAST_WHITE
 
 from .pair import MEASURED, VectorField
 
@@ -191,15 +192,15 @@ def white(image: NDArray[np.generic], mask: NDArray[np.bool_] | None) -> float:
     (inner, of_inner), (outer, of_outer), (corner, of_corner) = (
         (float(power[r].mean()), float((FAR[r] ** 2).mean())) for r in RINGS
     )
-    if corner < outer and inner - corner < FOLDED * (outer - corner):
-        return LEAST_WHITE * corner / float(HANN.sum()) ** 2
+    if corner < outer and inner - corner < FOLDED_PARTICLES.value * (outer - corner):
+        return LEAST_WHITE.value * corner / float(HANN.sum()) ** 2
     ahead = (of_corner - of_outer) / (of_outer - of_inner)
     noise = corner
-    for _ in range(SOLVED):
+    for _ in range(20):  # a fixed point that comes to rest in a few turns
         left = outer - noise, inner - noise
         if not 0 < left[0] < left[1]:
             break
-        noise = max(corner - left[0] * (left[0] / left[1]) ** ahead, LEAST_WHITE * corner)
+        noise = max(corner - left[0] * (left[0] / left[1]) ** ahead, LEAST_WHITE.value * corner)
     return noise / float(HANN.sum()) ** 2
 
 
@@ -207,8 +208,6 @@ WAVES = np.abs(np.fft.fftfreq(BLOCK))
 FAR = np.hypot(WAVES, WAVES[:, None])
 IN_CORNER = np.minimum(WAVES, WAVES[:, None]) > CORNER
 RINGS = (FAR >= 0.3) & (FAR < 0.38), (FAR >= 0.44) & (FAR < 0.5), FAR >= 0.6
-SOLVED, LEAST_WHITE = 20, 0.02  # turns of the fixed point; of the corner
-FOLDED = 4.0  # times what the outer ring holds the inner one must, of 2.5 px particles 4.5, of the grains 5 and more
 HANN = (0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(BLOCK) + 0.5) / BLOCK)) ** 2
 FEW = 40  # blocks: the corner has 50 waves in each
 

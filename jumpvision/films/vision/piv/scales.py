@@ -2,10 +2,10 @@
 
 Surfaces s_1, s_2, ... through the vectors s_0, each damping waves of twice the length of the one before; e_k =
 s_(k-1) - s_k is what the field holds between two scales. Where its mean square around a place is P times what noise
-alone would give, the share w = max(0, 1 - CHANCE / P) of e_k is kept: a Wiener filter of every scale and place. Shear
-bands, P >> 1, stay as they were; weak motion that many vectors share stays too, since the noise of a stiff surface is
-small. What is averaged or fitted later should not be smoothed before (`VectorField.matched`): the noise goes by itself
-then, and what smoothing rounds off does not.
+alone would give, the share w = max(0, 1 - SCALE_NOISE / P) of e_k is kept: a Wiener filter of every scale and place.
+Shear bands, P >> 1, stay as they were; weak motion that many vectors share stays too, since the noise of a stiff
+surface is small. What is averaged or fitted later should not be smoothed before (`VectorField.matched`): the noise
+goes by itself then, and what smoothing rounds off does not.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import scipy
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
+from jumpvision.films.calibration import CALM_PLACES, CALM_RANGE, CALM_WORTH, SCALE_NOISE, SEEN_WAVES, SMOOTHED_AWAY
 
 from .surface import along_both, along_x, along_y, smoother
 from .validate import response
@@ -27,14 +28,8 @@ from .validate import response
 ORDER = 3  # of the differences that the surfaces keep small: parabolas stay, waves of twice the length to 2 %
 SHORTEST = 0.7  # rad a vector, a wave of 9 vectors: halved by the first surface; by the next half of it, and so on
 COMPARED = 5  # vectors, side of the neighbourhood of P for the first surface, about half of that wave
-CHANCE = 1.3  # P that noise alone exceeds at one place in six
-RESOLVED, FINEST = 0.225, 1.2  # waves of that many rad a window, but of no more a vector, are what a window still sees
-CALM = 0.08  # share of the places, those with least P, that tell the noise
-FEW = 2.0  # independent neighbourhoods that a factor of 1 is worth
-ALLOWED = 0.6, 1.3  # factors on sigma: a field may be stirred all over
 STILL = 0.05  # of the noise expected: less is no noise but equal pictures, which tell nothing of it
 WIDER = 2  # times the neighbourhood of P is that of what smoothing took from the motion
-DOUBT = 1.5  # of its standard deviations, by which P must exceed 1 there
 
 
 class Noise(NamedTuple):
@@ -77,12 +72,12 @@ def drawn_together(p: Array, sigma: Array, by_chance: Array, noise: Noise) -> Dr
         of_noise = (cov[k - 1, k - 1] - 2 * cov[k - 1, k] + cov[k, k]) * np.where(known, variance[-1], 1)
         chance = np.maximum(_around(np.where(known, by_chance, 0.0), side) / there, 1e-6)
         power = _around(_power(fields[-2] - fields[-1], chance * of_noise, known), side) / there
-        w = np.where(there > 1e-9, np.clip(1 - CHANCE / np.maximum(power, 1e-12), 0, 1), 1)
+        w = np.where(there > 1e-9, np.clip(1 - SCALE_NOISE.value / np.maximum(power, 1e-12), 0, 1), 1)
         shares.append(w - kept)
         kept = w
         # signed, so that noise, which is above 1 as often as below, does not count
         far = min(WIDER * side + 1, 2 * min(ny, nx) - 1)
-        doubt = DOUBT * math.sqrt(_spread(noise, SHORTEST)) * side / far
+        doubt = SMOOTHED_AWAY.value * math.sqrt(_spread(noise, SHORTEST)) * side / far
         over = _around((1 - w) ** 2 * (power - 1), far)
         lost += np.where(over > doubt, over, 0) * chance * of_noise
     shares.append(1 - kept)
@@ -98,15 +93,16 @@ def true_noise(p: Array, sigma: Array, noise: Noise) -> float:
     """Factor on sigma that makes the shortest waves that a window sees as large as noise alone would.
 
     p, sigma as of `drawn_together`. Waves along either axis are asked, and the calmest places of the calmer axis tell,
-    so that bands and eddies have no say; it is drawn towards 1 where few vectors tell, and kept within ALLOWED.
+    so that bands and eddies have no say; it is drawn towards 1 where few vectors tell, and kept within CALM_RANGE.
     """
     ny, nx = p.shape[1:]
     known = _known(sigma)
     if not known.any():
         return 1.0
-    halved = min(FINEST, noise.step / (RESOLVED * noise.window))
+    by_window, by_vector = SEEN_WAVES.value
+    halved = min(by_vector, noise.step / (by_window * noise.window))
     spread = _spread(noise, halved, along=True)
-    expected = float(scipy.stats.gamma.ppf(CALM, 1 / spread)) * spread
+    expected = float(scipy.stats.gamma.ppf(CALM_PLACES.value, 1 / spread)) * spread
     share = np.maximum(_around(known.astype(float), COMPARED), 1e-12)
     calm = []
     for down in (True, False):
@@ -115,12 +111,12 @@ def true_noise(p: Array, sigma: Array, noise: Noise) -> float:
         rest = cov[0, 0] - 2 * cov[0, 1] + cov[1, 1]
         e = p - (along_y(s, p) if down else along_x(s, p))
         power = _power(e, (rest[:, None] if down else rest) * np.where(known, sigma, 1) ** 2, known)
-        calm.append(float(np.quantile((_around(power, COMPARED) / share)[known], CALM)) / expected)
+        calm.append(float(np.quantile((_around(power, COMPARED) / share)[known], CALM_PLACES.value)) / expected)
     if min(calm) < STILL:
         return 1.0
     telling = known.sum() * spread  # neighbourhoods that do not share their noise
-    found = (telling * min(calm) + FEW) / (telling + FEW)
-    return float(np.clip(math.sqrt(found), *ALLOWED))
+    found = (telling * min(calm) + CALM_WORTH.value) / (telling + CALM_WORTH.value)
+    return float(np.clip(math.sqrt(found), *CALM_RANGE.value))
 
 
 def _known(sigma: Array) -> NDArray[np.bool_]:

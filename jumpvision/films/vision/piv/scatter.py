@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array, Float32
 from jumpvision.base.threads import shared
+from jumpvision.films.calibration import LEAST_CORRELATION
 
 from .frame import taper
 from .moments import slopes
@@ -18,7 +19,6 @@ from .surface import Drawn, line
 from .validate import LAG, PART
 
 AROUND = 33  # px, side of the region over which the correlation of neighbouring residuals is averaged
-LEAST_RATIO = 0.2  # of the variance with to that without correlation: less is chance
 SOLVED = 0.01  # of the product of the diagonal the determinant must be
 
 
@@ -57,7 +57,7 @@ def scatter(
     sums = np.empty((2, len(rows), len(columns)))
     _around(len(rows), planes[3:5], rows, columns, sums)
     around_alone, around_all = sums
-    ratio = np.maximum(around_all, LEAST_RATIO * around_alone) / np.maximum(around_alone, 1e-9)
+    ratio = np.maximum(around_all, LEAST_CORRELATION.value * around_alone) / np.maximum(around_alone, 1e-9)
     return Scatter(planes[:3], ss, planes[5:], texture, ratio, of_rows[:, own])
 
 

@@ -13,13 +13,11 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array, Float32
 from jumpvision.base.threads import shared
+from jumpvision.films.calibration import JUMP_CALM, JUMP_OF_FIELD, STEP_OF_FIELD
 
 AROUND = 3  # vectors, side of the neighbourhood over which the differences are averaged
 LEAST = 0.02  # px: smaller differences are no step
-BEYOND = 4.0  # times the variance of chance: more is a step of the field
 FORGOTTEN = 1e-13  # of a vector, that the spline has of it beyond some twenty others
-JUMP = 30.0  # times what chance is in the calmer parts: more begins to be a jump, twice as much is one
-CALM = 0.05  # of the vectors tell that: a jump rings over a half of a small picture
 
 
 class Axis(NamedTuple):
@@ -89,11 +87,13 @@ def lightly_smoothed(
     squared = (e**2).sum(0)
     power = cv2.boxFilter(squared, -1, (AROUND, AROUND), borderType=cv2.BORDER_REFLECT)
     # squares of two normal components are exponential
-    chance, calm = (max(-BEYOND * float(np.quantile(squared, q)) / math.log(1 - q), LEAST**2) for q in (0.5, CALM))
-    kept = np.where(matched, np.clip(1 - chance / np.maximum(power, 1e-30), 0, 1), 0)
-    jump = np.asarray(
-        cv2.dilate(np.where(matched, np.clip(power / (JUMP * calm) - 1, 0, 1), 0), np.ones((3, 3))), np.float64
+    chance, calm = (
+        max(-STEP_OF_FIELD.value * float(np.quantile(squared, q)) / math.log(1 - q), LEAST**2)
+        for q in (0.5, JUMP_CALM.value)
     )
+    kept = np.where(matched, np.clip(1 - chance / np.maximum(power, 1e-30), 0, 1), 0)
+    jumps = np.where(matched, np.clip(power / (JUMP_OF_FIELD.value * calm) - 1, 0, 1), 0)
+    jump = np.asarray(cv2.dilate(jumps, np.ones((3, 3))), np.float64)
     return surface + kept * e, jump if jump.any() else None
 
 

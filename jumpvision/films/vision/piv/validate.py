@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import FROM_MAD, Array
 from jumpvision.base.threads import shared
+from jumpvision.films.calibration import FINER_MOTION, FINER_NOISE, LEAST_FREEDOM, SHORT_WAVES, SHORTEST_WAVES
 
 from .frame import taper
 
@@ -120,7 +121,6 @@ def _median(f, n):  # type: ignore[no-untyped-def]
 
 
 LAG = 5  # px, side of the box within which residuals count as correlated
-LEAST = 0.2  # a smaller share of the residuals left says nothing about the noise
 
 
 def factors(window: int, step: int, stiffness: float, times: int, clumping: float) -> tuple[float, float]:
@@ -130,7 +130,7 @@ def factors(window: int, step: int, stiffness: float, times: int, clumping: floa
     most of it, the fit takes more of their noise.
     """
     shift, slope, taken = _gains(window, step, stiffness, times)
-    left = max(1 - clumping * taken, LEAST)
+    left = max(1 - clumping * taken, LEAST_FREEDOM.value)
     return float(np.sqrt(shift / left)), float(np.sqrt(slope / left))
 
 
@@ -167,11 +167,6 @@ def response(
 
 
 PART = 2 / 3  # of the window's side, a finer window that shows what the whole one averages away
-DRAWN = 1.25  # times what theory says is its noise, measured on grains and particles at four windows (1.0 to 1.6)
-BY_CHANCE = 1.3  # times that: more is motion
-# of waves so short that vectors a third of a window apart share nothing: squared error over what the finer window sees
-# of it, less 1, measured on turbulence (of long waves it sees all); and the shortest told from those, 1 being such
-HIDDEN, SHORTEST = 5.0, 1.5
 
 
 @functools.lru_cache(maxsize=16)
@@ -188,7 +183,7 @@ def noise_within(window: int, step: int, stiffness: float, times: int) -> tuple[
     left = np.where(s > 0, f * (1 - seen), f - seen)
     power = (left**2).mean()
     shared_by_neighbours = (left**2 * np.cos(k * step)).mean() / power
-    return DRAWN * float(power / ((fine**2).sum() / fine.sum() ** 2) ** 2), float(shared_by_neighbours)
+    return FINER_NOISE.value * float(power / ((fine**2).sum() / fine.sum() ** 2) ** 2), float(shared_by_neighbours)
 
 
 def unresolved(
@@ -215,8 +210,8 @@ def unresolved(
     motion = np.maximum(square - chance, 0).sum(0)
     alike = _alike(q, weight, around) - by_chance[1] * chance.sum(0)
     apart = 1 - np.clip(alike / np.maximum(motion, 1e-30), 0, 1)
-    short = np.minimum(apart * (window / (3 * step)) ** 2, SHORTEST)
-    return np.asarray((1 + HIDDEN * short) * np.maximum(square - BY_CHANCE * chance, 0))
+    short = np.minimum(apart * (window / (3 * step)) ** 2, SHORTEST_WAVES.value)
+    return np.asarray((1 + SHORT_WAVES.value * short) * np.maximum(square - FINER_MOTION.value * chance, 0))
 
 
 def _alike(q: Array, weight: Array, around: Callable[[Array], Array]) -> Array:

@@ -14,11 +14,10 @@ from numba import njit
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.threads import shared
-from jumpvision.jumper.mechanisms import registry
 from jumpvision.jumper.physics import forcing
 from jumpvision.jumper.physics.hard.jump import RESULTS as HARD_RESULTS
 
-from . import events, granular, kernel, modes, program, scalar, step, trial, within
+from . import events, granular, kernel, laws, modes, step, trial, within
 
 STEPS_PER_PERIOD = 4  # of the spring, at least: events are looked for twice a step
 LONGEST_TAIL = 30.0  # s, simulated after the motor stops at most
@@ -68,6 +67,7 @@ def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out:
     """Writes RESULTS of one jump (out, NaN where there is none); the tail doubles until a flight has landed."""
     p = constants[0]
     out[:] = math.nan
+    granular.prepare(p)
     deep = modes.depth(p)
     if math.isnan(deep):
         out[STATUS] = events.CANNOT_CARRY
@@ -75,7 +75,7 @@ def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out:
     rows, edges = pieces(law)
     n = edges.size
     start, stop = edges[0], edges[n - 2]
-    rate, tolerance = tolerances(p, granular.N_MOTION if p.kp > 0.0 or p.own_rate > 0 else granular.X, atol)
+    rate, tolerance = tolerances(p, granular.N_MOTION if p.led == 1 or p.inner != 0 else granular.X, atol)
     s = np.empty(tolerance.size)
     log, peaks = np.empty((LOG, 2)), np.empty(6)
     no_times, no_out, no_modes = np.empty(0), np.empty((0, within.N_OUT)), np.empty(0, np.int64)
@@ -128,14 +128,13 @@ def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out:
     out[FORCE], out[POWER], out[SPEED], out[DEPTH] = peaks[0], peaks[1], peaks[2], depth
 
 
-PARTS = (events, forcing, granular, kernel, modes, program, scalar, step, trial, within)
+PARTS = (events, forcing, granular, kernel, laws, modes, step, trial, within)
 
 
 @functools.cache
 def digest() -> str:
     """Of all files compiled together: numba's cache sees changes of one file, so this is a part of its key."""
-    laws = Path(str(registry.__file__)).parent.glob("*.py")
-    files = sorted({Path(str(m.__file__)) for m in PARTS} | {Path(__file__), *laws})
+    files = sorted({Path(str(m.__file__)) for m in PARTS} | {Path(__file__)})
     return hashlib.sha256(b"".join(f.read_bytes() for f in files)).hexdigest()
 
 
@@ -178,6 +177,7 @@ def _tracks(key: str) -> Callable[..., Any]:
             heights[:driven] = 0.0
             if driven == times.size:
                 continue
+            granular.prepare(p)
             deep = modes.depth(p)
             if math.isnan(deep):
                 heights[:] = math.nan
@@ -186,7 +186,7 @@ def _tracks(key: str) -> Callable[..., Any]:
                 n -= 1
             until = edges[first : first + n + 1].copy()
             until[n] = end
-            size = granular.N_MOTION if p.kp > 0.0 or p.own_rate > 0 else granular.X
+            size = granular.N_MOTION if p.led == 1 or p.inner != 0 else granular.X
             (rate, tolerance), s = tolerances(p, size, atol), np.zeros(size)
             space = events.workspace(size, n if p.tau > 0.0 else 0)
             height = -modes.squeeze(p) - deep
@@ -249,6 +249,7 @@ def _equilibrium(key: str) -> Callable[..., Any]:
     @njit(cache=True)
     def solve(constants):  # type: ignore[no-untyped-def]
         key  # noqa: B018
+        granular.prepare(constants[0])
         return modes.squeeze(constants[0]), modes.depth(constants[0])
 
     return solve

@@ -21,18 +21,16 @@ from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
-from jumpvision.jumper.mechanisms.ground import stop_go_overshoot
 
-from . import scalar
 from .granular import (
     AIR,
     ASKED,
     CONTACT,
-    HARD,
+    IMPULSE,
     INTRUDE,
-    LANDED,
     LEFT,
     N_MOTION,
+    NEVER,
     SINE,
     STUCK,
     VF,
@@ -43,15 +41,16 @@ from .granular import (
     foot_inertia,
     kinetic,
     lagged,
+    left_law,
     motor,
     motor_force,
+    prepare,
     rhs,
     rod,
     settling,
 )
 from .kernel import OPTIONS, kernel_of, number
-from .modes import grip, guards, held_between, limit, rail_force, room, settle
-from .program import NEVER
+from .modes import grip, guards, held_between, holding_force, limit, room, settle
 from .step import (
     BOW,
     END,
@@ -135,6 +134,7 @@ def compiled_run(key: str) -> Callable[..., Any]:
         key  # noqa: B018
         p, size = constants[0], s.size
         s1, work, q, slopes, spare, armed, late = space
+        prepare(p)
         p.kind = kind
         if p.tau > 0.0:
             lagged(kind, rows, edges, p.tau, late)
@@ -157,8 +157,8 @@ def compiled_run(key: str) -> Callable[..., Any]:
             p.row[ASKED] = np.nan
             if size > N_MOTION and p.kp == 0.0:
                 v_new = motor(t, s, p)[1]
-                s[N_MOTION + 1] += kinetic(s, v_new, 0.0, p) - kinetic(s, v_old, 0.0, p)
-            if peaks.size > 0 and t < stop and kind == SINE and p.kp == 0.0 and p.tau == 0.0:
+                s[IMPULSE] += kinetic(s, v_new, 0.0, p) - kinetic(s, v_old, 0.0, p)
+            if peaks.size > 0 and t < stop and kind == SINE and p.led == 0 and p.tau == 0.0:
                 peaks[2] = max(peaks[2], fastest(t, min(end, stop), p))
             fresh = True  # the equations changed: a forcing piece or a mode begins
             new_mode = settle(t, s, p) if mode == STUCK else mode
@@ -361,7 +361,7 @@ def compiled_run(key: str) -> Callable[..., Any]:
                     before = kinetic(s, s[V], 0.0, p)
                     limit(t, s, mode, slip, p)
                     if size > N_MOTION:  # what the end of the travel takes
-                        s[N_MOTION + 1] += kinetic(s, s[V], 0.0, p) - before
+                        s[IMPULSE] += kinetic(s, s[V], 0.0, p) - before
                     log[n_log, 0], log[n_log, 1] = t, MOTOR_FREE if p.memory[3] == 0.0 else MOTOR_HELD
                     n_log += 1
                     slip = grip(t, s, mode, p, STILL)
@@ -370,7 +370,7 @@ def compiled_run(key: str) -> Callable[..., Any]:
                         slip = grip(t, s, mode, p, np.inf)
                     else:
                         least, most = held_between(t, s, p)
-                        slip = -1 if rail_force(t, s, mode, p) > 0.5 * (least + most) else 1
+                        slip = -1 if holding_force(t, s, mode, p) > 0.5 * (least + most) else 1
                     log[n_log, 0], log[n_log, 1] = t, RAIL_STICK if slip == 0 else RAIL_SLIP
                     n_log += 1
                 elif mode == STUCK:
@@ -381,10 +381,8 @@ def compiled_run(key: str) -> Callable[..., Any]:
                     if taken == 0.0:  # an intrusion over before it could be seen: the foot rests meanwhile
                         held = t + RESOLVE
                     p.memory[0] = max(p.memory[0], -s[XF])
-                    if p.carry > 0.0 and p.memory[0] > p.memory[2]:  # else the same pause goes on
-                        p.memory[LEFT] = stop_go_overshoot(
-                            scalar, p.memory[0], p.memory[2], p.memory[LEFT], 1.0, p.lam, p.carry
-                        )
+                    if p.left != 0 and p.memory[0] > p.memory[2]:  # else the same pause goes on
+                        p.memory[LEFT] = left_law(p, (p.memory[0], p.memory[2], p.memory[LEFT]))
                     p.memory[2] = p.memory[0]
                     s[XF], s[VF] = -p.memory[0], 0.0
                     log[n_log, 0], log[n_log, 1] = t, STOP
@@ -397,7 +395,7 @@ def compiled_run(key: str) -> Callable[..., Any]:
                     mode, p.memory[CONTACT] = STUCK, t
                     v = motor(t, s, p)[1] if size > N_MOTION else 0.0
                     before = kinetic(s, v, p.m_f, p)
-                    if p.static == HARD:
+                    if p.sand == 0:
                         x_r, v_r, v_m, _, _ = rod(t, s, p)
                         s[W] += (np.sqrt(1.0 - p.e) - 1.0) * v_r
                         s[XF], s[VF] = 0.0, 0.0
@@ -406,16 +404,16 @@ def compiled_run(key: str) -> Callable[..., Any]:
                         new_mode = settle(t, s, p)
                     else:
                         s[XF] = -p.memory[0]
-                        s[VF] *= p.m_f / foot_inertia(p.memory[0], p)
+                        s[VF] *= p.m_f / foot_inertia(t, p.memory[0], s, p)
                         if s[VF] < 0.0:
                             mode, new_mode = INTRUDE, INTRUDE
                         else:
                             s[VF] = 0.0
                             new_mode = settle(t, s, p)
                     if size > N_MOTION:
-                        mass = p.m_f if p.static == HARD else foot_inertia(p.memory[0], p)
-                        s[LANDED] += before - kinetic(s, v, mass, p)
-                    if p.hold > 0.0 or p.own_dry == 1:
+                        mass = p.m_f if p.sand == 0 else foot_inertia(t, p.memory[0], s, p)
+                        s[size - 1] += before - kinetic(s, v, mass, p)
+                    if p.dry == 1:
                         slip = grip(t, s, new_mode, p, STILL)
         if mode == INTRUDE:
             p.memory[0] = max(p.memory[0], -s[XF])

@@ -1,10 +1,10 @@
 """The jumper as a hybrid system: equations of motion in each mode (the rules that change it: `modes`).
 
 State s = [y, w, x_f, v_f(, X, V, u)]: y = x_r + (m_m/M) X_m, the height of the centre of mass of motor and rod [m],
-and its rate w; the foot x_f, v_f; X and V, the motor's position and rate, only where a feedback loop drives it; u, the
-internal state of a law of the user's own; behind them WORKS, where the energy ledger asks for them. In y the motor
-enters through X_m and X_m' alone (docs/physics.md section 1), so a velocity step of X_m needs no special treatment: y
-and w are continuous, and v_r = w - (m_m/M) X_m' jumps by the impulse on the rod.
+and its rate w; the foot x_f, v_f; X and V, the motor's position and rate, only where a feedback loop or a law leads
+it; u, the internal state of a law; behind them energies (from MOTOR_WORK on), where the ledger asks for them. In y the
+motor enters through X_m and X_m' alone (docs/physics.md section 1), so a velocity step of X_m needs no special
+treatment: y and w are continuous, and v_r = w - (m_m/M) X_m' jumps by the impulse on the rod.
 
 Modes: AIR; STUCK (the foot rests on the ground); INTRUDE (granular only: the foot moves down). A massless foot (hard
 ground) follows the rod in the air, F_s = 0, and stands at 0 while x_r <= 0. The rail is `slip` = +1 or -1 (sign of
@@ -19,78 +19,68 @@ Everything here is compiled into `events.compiled_run`; `p` is one record of CON
 from __future__ import annotations
 
 import math
-from itertools import accumulate
 from typing import Any
 
 import numpy as np
 
 from jumpvision.base.arrays import Array
-from jumpvision.jumper.mechanisms.record import Body
-from jumpvision.jumper.mechanisms.registry import MECHANISMS, PARAMETERS, acting
-from jumpvision.jumper.mechanisms.robot import spring
+from jumpvision.jumper.mechanisms.record import LONG_AGO
 from jumpvision.jumper.physics.forcing import NEAR as NEAR_ZERO
 from jumpvision.jumper.physics.forcing import segment_xv, sincos_near
 
-from .kernel import chosen, each, inlined, kernel, running, summed
-from .program import ARRAYS, BODIES, FIELDS, REST, value
+from .kernel import inlined, kernel, law, listed
+from .laws import ALL, BENDS, LOSSES, NUMBERS, REST, ROUTINES, WHEN
 
 Guards = tuple[float, float, float, float]
 
 AIR, STUCK, INTRUDE = 0, 1, 2
-HARD = 0  # of p.static; else the number of the static force, from 1
 SINE, CUBIC = 0, 1
 Y, W, XF, VF, X, V, INNER = range(7)
 N_MOTION = INNER + 1
 ASKED, N_ROW = 8, 12  # in a piece of the forcing: when the motor was last asked for [s], and where it was
-NEAR = 1e-6  # m, over which the slope of a law of the user's own is taken
 FLOOR, HOLE, PAUSE, HELD, CONTACT, LEFT, N_MEMORY = range(7)
 """What a run remembers: depths of the floor, of the last lift-off and the last pause; what holds the motor; when the
 foot last came down [s]; `z_left` of the last pause."""
-BENDS = 4  # mechanisms of the ground that have a kink and act together
 N_ARC = 17  # numbers of an arc in closed form (`step`)
 N_NODES = 16  # of a step, in which the motor is looked up beforehand
 OVER = 40.0  # time constants after which nothing of a lag's transient is left: exp(-OVER) < 1e-17
 AT = 1e-9  # m or m/s: so near to a limit the motor is at it
-LOST = (Body.OVERSHOOT, Body.DRAG, Body.FOOT, Body.INERTIA, Body.CARRIAGE, Body.RAIL, Body.SPRING)
-LOSSES = [[m for m in acting(body) if not m.energy] for body in LOST]
-WORKS = ("motor", "impulse", "spring_damping", "static", *(m.name for body in LOSSES for m in body), "landing", *BODIES)
-"""Energies [J] integrated along with the motion where it is asked for, in the states after N_MOTION."""
-OVERSHOOT, DRAG, FORCE, INERTIA, FRICTION, DRY, SPRING, LANDED = accumulate(map(len, LOSSES), initial=N_MOTION + 4)
+MOTOR_WORK, IMPULSE, DAMPED, LOST = range(N_MOTION, N_MOTION + 4)
+"""Energies [J] integrated along with the motion where it is asked for, in the states after N_MOTION: of the motor, of
+its impulses, of the spring's damping; from LOST on of the laws (`laws.Laws.lost`), and last of landings."""
+NEVER = -LONG_AGO  # s, of the last contact before the first
 
-SWITCHES = tuple(m.name for m in MECHANISMS.values() if m.law and m.acts_on is not Body.STATIC)
-ROBOT = ("m_m", "m_r", "M", "per_M", "ratio", "m_f", "k_s", "c_s", "g", "R", "phi", "rho", "slack", "hold", "stiffer")
+ROBOT = ("m_m", "m_r", "M", "per_M", "ratio", "m_f", "k_s", "c_s", "g", "slack", "tau", "e")
 LOOP = ("kp", "kd", "max_force", "max_speed", "low", "high")
 CONSTANTS = np.dtype(
-    [(n, np.int64) for n in ("static", "massless", "linear", *SWITCHES)]
-    + [(n, np.float64) for n in (*ROBOT, *PARAMETERS, *LOOP, "rest")]
-    + [("bends", np.float64, (BENDS,)), ("kind", np.int64), ("row", np.float64, (N_ROW,))]
+    [(n, np.int64) for n in ("sand", "massless", "linear", "dry", "ages", "led", "lost", *ROUTINES)]
+    + [(n, np.float64) for n in (*ROBOT, *LOOP, "rest")]
+    + [("number", np.float64, (NUMBERS,)), ("bends", np.float64, (BENDS,))]
+    + [("asked", np.float64, (len(ALL) + len(WHEN),)), ("losses_W", np.float64, (LOSSES,))]
+    + [("kind", np.int64), ("row", np.float64, (N_ROW,))]
     + [("memory", np.float64, (N_MEMORY,)), ("arc", np.float64, (N_ARC,))]
     + [("ahead", np.float64, (3, N_NODES))]
-    + FIELDS
-    + ARRAYS
 )
-"""Numbers of one jumper. static: the number of its static force, from 1. SWITCHES: which other laws act in it; the
-parameters of mechanisms that it has not are 0, and theta is the tangent of the angle. linear: spring and rail are, but
-for dry friction. ratio: m_m / M. hold: the dry friction of the rail [N]. stiffer: the factor under an earlier
-footprint. rest: of the carriage [m], for x_m. bends: depths of kinks in the laws [m], 0 where there is none. Of a run,
-and here because handing over an array costs as much as a small function: kind and row of the forcing's piece, memory
-and arc. FIELDS, ARRAYS: laws of the user's own (`program`)."""
+"""Numbers of one jumper. linear: spring and rail are, but for dry friction. dry: the rail may hold the carriage. ages:
+what the ground carries changes while nothing moves. led: the motor's position is a state, of a loop or of a law. lost:
+how many laws take energy. ROUTINES: addresses of its laws (0: none), number: their constants. ratio: m_m / M. tau: of
+the lag in closed form, e: of the landing on hard ground. rest: of the carriage [m], for x_m. bends: depths of kinks in
+the laws [m], 0 where there is none. Of a run, and here because handing over an array costs as much as a small function:
+what the ledger asks and is told, kind and row of the forcing's piece, memory and arc."""
 
-springs = summed(Body.SPRING, "stretch, stretch_rate")
-static_law = chosen(Body.STATIC, "z")
-overshoots = summed(Body.OVERSHOOT, "z, z_g, z_stop, z_left")
-drags = summed(Body.DRAG, "z", at="v=1.0")
-forces = summed(Body.FOOT, "z, v, z_g, z_stop")
-inertias = summed(Body.INERTIA, "z", at="a=-1.0")
-frictions = summed(Body.CARRIAGE, "v_m")
-dry_frictions = summed(Body.RAIL, "v_m")
-write_overshoots = each(LOSSES[0], "z, z_g, z_stop, z_left")
-write_drags = running(LOSSES[1], "z", at="v=1.0")
-write_forces = each(LOSSES[2], "z, v, z_g, z_stop")
-write_slopes = each(LOSSES[3], "z", part="slope")
-write_frictions = each(LOSSES[4], "v_m")
-write_dry = each(LOSSES[5], "v_m")
-write_springs = each(LOSSES[6], "stretch, stretch_rate")
+ground_law, rail_law, inner_law = law("ground", 2), law("rail"), law("inner")
+spring_law, spring_slope, left_law, drive_law = law("spring"), law("spring_slope"), law("left"), law("drive", 2)
+_prepare, _kinks = listed("prepare", "number"), listed("kinks", "number", "asked", "bends")
+_losses = listed("losses", "number", "asked", "losses_W")
+
+
+@kernel
+def prepare(p: Any) -> None:
+    """What is made of a model's constants, once before a run."""
+    if p.prepare != 0:
+        _prepare(p)
+    if p.kinks != 0:
+        _kinks(p)
 
 
 @inlined
@@ -137,7 +127,7 @@ def settling(t: float, p: Any) -> bool:
 @kernel
 def is_still(t: float, p: Any) -> bool:
     """Whether the motor stands still on this piece from t on."""
-    if settling(t, p):
+    if settling(t, p) or p.drive != 0:
         return False
     return p.row[3] == 0.0 if p.kind == SINE else p.row[2] == 0.0 and p.row[3] == 0.0 and p.row[4] == 0.0
 
@@ -147,6 +137,10 @@ def motor(t: float, s: Array, p: Any) -> tuple[float, float, float]:
     """X_m [m], the motor relative to the rod, with its two rates, after the lag (`lagged`) or the loop."""
     if p.kp > 0.0:
         return s[X], s[V], np.nan  # the loop's acceleration depends on the force of the spring: `rhs`
+    if p.drive != 0:
+        x, v, a = drive(p.kind, p.row, t)
+        v, a = drive_law(p, (x, v, a, s[X], t))
+        return s[X], v, a
     if p.row[ASKED] == t:  # the end of a step is asked for again and again
         return p.row[ASKED + 1], p.row[ASKED + 2], p.row[ASKED + 3]
     x, v, a = drive(p.kind, p.row, t)
@@ -160,7 +154,7 @@ def motor(t: float, s: Array, p: Any) -> tuple[float, float, float]:
 @inlined
 def motors(t: float, h: float, nodes: Array, p: Any) -> None:
     """Writes X_m and its two rates at the nodes of a step, shares of the h [s] from t, to p.ahead."""
-    if p.kp > 0.0:
+    if p.led == 1:
         return
     x, v, a = p.ahead[0], p.ahead[1], p.ahead[2]
     start, step = p.row[4] * (t - p.row[0]) + p.row[5], p.row[4] * h
@@ -191,82 +185,57 @@ def spring_force(x_r: float, v_r: float, s: Array, mode: int, p: Any) -> float:
     if p.massless == 1 and mode == AIR:
         return 0.0
     stretch, rate = x_r - s[XF], v_r - s[VF]
-    force = springs(spring(stretch, rate, p.k_s, p.c_s), stretch, rate, p)
-    if p.own_spring > 0:
-        force += own_spring(stretch, rate, s, p)
+    force = -p.k_s * stretch - p.c_s * rate
+    if p.spring != 0:
+        force += spring_law(p, (stretch, rate, inner(s)))
     return force
 
 
 @inlined
-def static_force(z: float, z_g: float, z_stop: float, z_left: float, p: Any) -> float:
-    """F_p(z) [N] with its overshoots, also the yield threshold. z_g: last lift-off; z_stop, z_left: last pause."""
-    factor = p.stiffer if z_g > 0.0 else 1.0
-    return overshoots(static_law(p.static, factor, z, p), z, z_g, z_stop, z_left, p)
+def inner(s: Array) -> float:
+    """The internal state of a law."""
+    return s[INNER] if s.size > INNER else 0.0
 
 
 @inlined
-def foot_inertia(z: float, p: Any) -> float:
-    """m_f + m_a(z) [kg]."""
-    mass = inertias(p.m_f, z, p)
-    if p.own_mass > 0:
-        mass += own_mass(z, p)
-    return mass
-
-
-# The sums of the user's own laws, each where its field of `p` is > 0.
-
-
-@kernel
-def own_mass(z: float, p: Any) -> float:
-    """Mass that moves with the intruding foot [kg]."""
-    return value(p, p.own_mass, z, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-@kernel
-def own_foot(t: float, z: float, v: float, s: Array, p: Any) -> float:
-    """Force on the intruding foot [N]."""
-    u, contact = s[INNER] if s.size > INNER else 0.0, t - p.memory[CONTACT]
-    return value(p, p.own_foot, z, v, p.memory[HOLE], p.memory[PAUSE], contact, 0.0, 0.0, 0.0, 0.0, t, u, 0.0)
-
-
-@kernel
-def own_rail(t: float, x_r: float, x_m: float, v_m: float, s: Array, p: Any) -> float:
-    """Force of the rail on the carriage [N]; x_m: not yet from its rest."""
-    u = s[INNER] if s.size > INNER else 0.0
-    return value(p, p.own_rail, 0.0, 0.0, 0.0, 0.0, 0.0, x_m - p.rest, v_m, 0.0, 0.0, t, u, x_r)
-
-
-@kernel
-def own_spring(stretch: float, rate: float, s: Array, p: Any) -> float:
-    """Force of the spring on the rod [N]."""
-    u = s[INNER] if s.size > INNER else 0.0
-    return value(p, p.own_spring, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, stretch, rate, 0.0, u, 0.0)
+def resistance(t: float, z: float, v: float, s: Array, p: Any) -> tuple[float, float]:
+    """Force of the ground on the intruding foot [N], and the mass that moves with it [kg], at the depth z [m]."""
+    m = p.memory
+    return ground_law(p, (z, v, m[HOLE], m[PAUSE], m[LEFT], t - m[CONTACT], t, inner(s)))
 
 
 @kernel
 def yield_force(t: float, s: Array, p: Any) -> float:
-    """What the ground carries at the floor before the foot moves [N]: static force, and own laws as motion begins."""
-    force = static_force(p.memory[FLOOR], p.memory[HOLE], p.memory[PAUSE], p.memory[LEFT], p)
-    if p.own_foot > 0:
-        force += own_foot(t, p.memory[FLOOR], -REST, s, p)
-    return force
+    """What the ground carries at the floor before the foot moves [N]: its force as motion begins."""
+    return resistance(t, p.memory[FLOOR], -REST, s, p)[0]
 
 
 @kernel
+def foot_inertia(t: float, z: float, s: Array, p: Any) -> float:
+    """m_f + m_a(z) [kg]."""
+    return p.m_f + resistance(t, z, -REST, s, p)[1]
+
+
+@kernel
+def rail_force(t: float, s: Array, x_r: float, x: float, v_m: float, p: Any) -> float:
+    """Force of the rail on the carriage [N]; x: X_m."""
+    return rail_law(p, (v_m, x_r + x - p.rest, x_r, t, inner(s)))
+
+
+@inlined
 def rail_friction(t: float, s: Array, x_r: float, x: float, v_m: float, slip: int, p: Any) -> float:
-    """Force of the rail on the sliding carriage [N]; x: X_m."""
-    rail = dry_frictions(frictions(0.0, v_m, p), float(slip), p)
-    if p.own_rail > 0:
-        if p.own_dry == 1 and not v_m * slip > 0.0:
-            v_m = slip * REST  # the side of the jump on which the mode goes on
-        rail += own_rail(t, x_r, x_r + x, v_m, s, p)
-    return rail
+    """The same on the sliding carriage."""
+    if p.rail == 0:
+        return 0.0
+    if p.dry == 1 and not v_m * slip > 0.0:
+        v_m = slip * REST  # the side of the jump on which the mode goes on
+    return rail_force(t, s, x_r, x, v_m, p)
 
 
 @kernel
 def rhs(t: float, s: Array, mode: int, slip: int, p: Any, k: Array, i: int) -> float:
     """Writes ds/dt into row i of k; returns F_s [N]. i > 0: node of a step, see `motors`."""
-    if i > 0 and p.kp == 0.0:
+    if i > 0 and p.led == 0:
         x, v, acceleration = p.ahead[0, i], p.ahead[1, i], p.ahead[2, i]
         x_r, v_r, v_m = s[Y] - p.ratio * x, s[W] - p.ratio * v, s[W] + (1.0 - p.ratio) * v
     else:
@@ -286,39 +255,24 @@ def rhs(t: float, s: Array, mode: int, slip: int, p: Any, k: Array, i: int) -> f
     elif mode == AIR:
         k[i, VF] = -p.g - force / p.m_f
     else:
-        z = -s[XF]
-        resist = static_force(z, p.memory[1], p.memory[2], p.memory[LEFT], p) + drags(0.0, z, p) * s[VF] * s[VF]
-        resist = forces(resist, z, s[VF], p.memory[1], p.memory[2], p)
-        if p.own_foot > 0:
-            resist += own_foot(t, z, s[VF], s, p)
-        k[i, VF] = (resist - force - p.m_f * p.g) * (1.0 / foot_inertia(z, p))
+        resist, mass = resistance(t, -s[XF], s[VF], s, p)
+        k[i, VF] = (resist - force - p.m_f * p.g) * (1.0 / (p.m_f + mass))
     if s.size > V:
         k[i, X], k[i, V] = 0.0, 0.0
     if p.kp > 0.0:
         k[i, X], k[i, V] = s[V], acceleration
+    elif p.drive != 0:
+        k[i, X] = v_m - v_r
     if s.size > INNER:
         k[i, INNER] = 0.0
-        if p.own_rate > 0:
-            z, v, stretch, rate = -s[XF], s[VF], x_r - s[XF], v_r - s[VF]
+        if p.inner != 0:
+            m, at_speed = p.memory, s[VF]
             if mode == AIR:
-                v = 0.0  # what a bed remembers is of the foot that moves in it
-            contact, at = t - p.memory[CONTACT], p.own_rate
-            k[i, INNER] = value(
-                p,
-                at,
-                z,
-                v,
-                p.memory[HOLE],
-                p.memory[PAUSE],
-                contact,
-                x_r + x - p.rest,
-                v_m,
-                stretch,
-                rate,
-                t,
-                s[INNER],
-                x_r,
-            )
+                at_speed = 0.0  # what a bed remembers is of the foot that moves in it
+            stretch, rate, contact = x_r - s[XF], v_r - s[VF], t - m[CONTACT]
+            x_m, hole, pause, left = x_r + x - p.rest, m[HOLE], m[PAUSE], m[LEFT]
+            asked = (-s[XF], at_speed, hole, pause, left, contact, v_m, x_m, x_r, stretch, rate, t, s[INNER])
+            k[i, INNER] = inner_law(p, asked)
     if s.size > N_MOTION:
         works(t, s, mode, slip, p, force, k, i)
     return force
@@ -354,50 +308,31 @@ def works(
     k: Array,
     i: int,
 ) -> None:
-    """Writes the powers [W] of WORKS behind the slopes of the motion: the motor's into the jumper, losses out of it."""
+    """Writes powers [W] behind the slopes of the motion: the motor's into the jumper, those of the laws out of it."""
     for j in range(N_MOTION, s.size):
         k[i, j] = 0.0
     x_r, v_r, v_m, x, acceleration = rod(t, s, p)
     acceleration = k[i, V] if p.kp > 0.0 else acceleration
     rail = p.M * (k[i, W] + p.g) - force
     # m_m a_m = -m_m g + F_m + rail
-    k[i, N_MOTION] = (p.m_m * (k[i, W] + p.m_r / p.M * acceleration + p.g) - rail) * (v_m - v_r)
-    if not (p.massless == 1 and mode == AIR):
-        k[i, N_MOTION + 2] = p.c_s * (v_r - s[VF]) ** 2
-        write_springs(k, i, SPRING, x_r - s[XF], v_r - s[VF], p)
-        for j in range(SPRING, LANDED):
-            k[i, j] *= s[VF] - v_r
-        if p.own_spring > 0:
-            k[i, LANDED + 4] = own_spring(x_r - s[XF], v_r - s[VF], s, p) * (s[VF] - v_r)
-    if mode == INTRUDE:
-        z, speed = -s[XF], -s[VF]
-        write_overshoots(k, i, OVERSHOOT, z, p.memory[1], p.memory[2], p.memory[LEFT], p)
-        write_drags(k, i, DRAG, z, p)
-        write_forces(k, i, FORCE, z, s[VF], p.memory[1], p.memory[2], p)
-        write_slopes(k, i, INERTIA, z, p)
-        resist = static_force(z, p.memory[1], p.memory[2], p.memory[LEFT], p)
-        for j in range(OVERSHOOT, DRAG):
-            resist -= k[i, j]
-            k[i, j] *= speed
-        k[i, N_MOTION + 3] = resist * speed
-        before = 0.0
-        for j in range(DRAG, FORCE):
-            k[i, j], before = (k[i, j] - before) * speed**3, k[i, j]
-        for j in range(FORCE, INERTIA):
-            k[i, j] *= speed
-        for j in range(INERTIA, FRICTION):  # grains that join at the foot's speed bring half the energy that they take
-            k[i, j] *= -0.5 * speed**3
-        if p.own_foot > 0:
-            k[i, LANDED + 1] = own_foot(t, z, s[VF], s, p) * speed
-        if p.own_mass > 0:
-            k[i, LANDED + 2] = -0.5 * (own_mass(z + NEAR, p) - own_mass(z, p)) / NEAR * speed**3
-    if slip != 0:
-        write_frictions(k, i, FRICTION, v_m, p)
-        write_dry(k, i, DRY, float(slip), p)
-        for j in range(FRICTION, SPRING):
-            k[i, j] *= -v_m
-        if p.own_rail > 0:
-            k[i, LANDED + 3] = -v_m * own_rail(t, x_r, x_r + x, v_m, s, p)
+    k[i, MOTOR_WORK] = (p.m_m * (k[i, W] + p.m_r / p.M * acceleration + p.g) - rail) * (v_m - v_r)
+    pulls = not (p.massless == 1 and mode == AIR)
+    stretch, rate, m = x_r - s[XF], v_r - s[VF], p.memory
+    if pulls:
+        k[i, DAMPED] = p.c_s * rate * rate
+    if p.losses == 0:
+        return
+    asked = (-s[XF], s[VF], m[HOLE], m[PAUSE], m[LEFT], t - m[CONTACT], v_m, x_r + x - p.rest, x_r, stretch, rate, t)
+    for j in range(len(asked)):
+        p.asked[j] = asked[j]
+    n = len(asked)
+    p.asked[n] = inner(s)
+    p.asked[n + 1] = 1.0 if mode == INTRUDE else 0.0
+    p.asked[n + 2] = 1.0 if slip != 0 else 0.0
+    p.asked[n + 3] = 1.0 if pulls else 0.0
+    _losses(p)
+    for j in range(p.lost):
+        k[i, LOST + j] = p.losses_W[j]
 
 
 @kernel

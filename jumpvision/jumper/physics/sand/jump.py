@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import Array
-from jumpvision.engine.laws.expression import Expression
 from jumpvision.jumper.mechanisms.record import STATE, Body
-from jumpvision.jumper.mechanisms.registry import STATIC
 from jumpvision.jumper.physics.forcing import Forcing, Loop, Segments
 from jumpvision.jumper.physics.model import ROBOT, Model
 
-from . import compiled, events, granular, program, trial, within
+from . import compiled, events, granular, trial, within
+from .laws import LAG, Laws, dry, laws_of, steady
 
 MODES = ("air", "rest", "intrude")
 OUTPUTS = ("rod", "foot", "motor", "rod_velocity", "foot_velocity", "ground_force", "spring_force")
@@ -78,14 +77,14 @@ def simulate(
 def follow(
     model: Model, forcing: Forcing | Loop, t: Array, rtol: float, atol: float, stop: float, works: bool = False
 ) -> tuple[Motion, Array, Array]:
-    """`simulate` with the states [`granular`] at the end and at rest; works: with the energies WORKS behind them."""
+    """`simulate` with the states [`granular`] at the end and at rest; works: with the energies behind them."""
     constants, n = pack(model), granular.X
     if isinstance(forcing, Loop):
         limit_loop(constants, forcing, model)
-    if isinstance(forcing, Loop) or works:
-        n = granular.N_MOTION + works * len(granular.WORKS)
-    elif model.rates:
-        n = granular.N_MOTION
+    if works:
+        n = granular.LOST + int(constants["lost"][0]) + 1
+    if constants["led"][0] or constants["inner"][0]:
+        n = max(n, granular.N_MOTION)
     kind, rows, edges = pieces(forcing, stop, max(float(t[-1]), forcing.start))
     position = float(forcing(forcing.start - 1.0)[0][0])  # before the forcing
     rest, foot = equilibrium(model)
@@ -199,37 +198,34 @@ def filmed_height(model: Model, forcing: Forcing, *, t: ArrayLike, rtol: float, 
     return model.filmed(heights, frames)
 
 
+def laws(model: Model) -> Laws:
+    """The laws of a model, compiled."""
+    return laws_of([model.mechanism(t) for t in model.terms], model.ground == "granular")
+
+
 def pack(model: Model, n: int = 1) -> NDArray[Any]:
     """The model as records of `granular.CONSTANTS`, shape (n,); numbers of the model may be arrays (n,)."""
-    p, out = model.parameters, np.zeros(n, granular.CONSTANTS)
-    out["static"] = 0 if model.ground == "hard" else 1 + STATIC.index(next(t for t in STATIC if t in model))
-    out["massless"] = np.equal(model.m_f, 0.0)
+    out, own = np.zeros(n, granular.CONSTANTS), laws(model)
+    for name, address in own.addresses.items():
+        out[name] = address
+    out["sand"], out["massless"] = model.ground == "granular", np.equal(model.m_f, 0.0)
+    out["ages"], out["lost"], out["led"] = own.ages, len(own.lost), own.addresses["drive"] != 0
     out["ratio"], out["per_M"] = model.m_m / model.M, 1.0 / np.asarray(model.M)
-    for name in ("m_m", "M", "m_f", "k_s", "c_s", "g", "hold"):
+    for name in ("m_m", "M", "m_f", "k_s", "c_s", "g"):
         out[name] = getattr(model, name)
     out["m_r"], out["slack"] = model.rod_mass, 1e-9 * model.M * model.g
-    for name in ("R", "phi", "rho"):
+    out["e"] = model.symbol("e") if model.acting(Body.LANDING) else 0.0
+    out["tau"] = model.symbol("tau") if LAG in model and not own.addresses["drive"] else 0.0
+    for k, name in enumerate(own.module.constants):
         value = model.symbol(name)
-        out[name] = 0.0 if value is None else value
-    out["stiffer"], out["linear"] = 1.0, 1
-    bends = 0
-    for m in map(model.mechanism, model.terms):
-        if m.written:
-            continue
-        for name in m.names:
-            out[name] = np.tan(p.theta) if name == "theta" else getattr(p, name)
-        acts = np.not_equal(getattr(p, m.names[0]), 0.0)
-        if m.name in granular.SWITCHES:
-            out[m.name] = acts
-        if m.acts_on in (Body.SPRING, Body.CARRIAGE):
+        out["number"][:, k] = 0.0 if value is None else value
+    out["linear"] = 1
+    for m in model.acting(Body.SPRING, Body.CARRIAGE, Body.RAIL):
+        acts = np.not_equal(model.symbol(m.names[0]), 0.0)
+        if dry(m):
+            out["dry"] |= acts
+        if m.acts_on is Body.SPRING or not steady(m):
             out["linear"] &= ~acts
-        elif m.acts_on is Body.BED:
-            out["stiffer"] *= getattr(p, m.names[0])
-        if m.bend is not None:
-            out["bends"][:, bends] = model.force(m, "bend")
-            bends += 1
-    if any(m.written for m in map(model.mechanism, model.terms)):
-        _pack_own(model, out)
     return out
 
 
@@ -246,34 +242,20 @@ def pack_each(models: Sequence[Model]) -> NDArray[Any]:
         same = id(m) if m.own else (m.ground, m.terms, id(m.parameters), *(getattr(m, n) for n in ROBOT))
         at = first.setdefault(same, k)
         raw[k] = pack(m).view(np.uint8) if at == k else raw[at]
+        constants = laws(m).module.constants if at != k else ()
         for symbol in ("phi", "rho") if at != k else ():
-            out[symbol][k] = m.symbol(symbol) or 0.0
+            out["number"][k, constants.index(symbol)] = m.symbol(symbol) or 0.0
     return out
-
-
-def _pack_own(model: Model, out: NDArray[Any]) -> None:
-    """Writes the laws of the user's own into packed constants, and what the solver must know of them."""
-
-    def bound(laws: list[Expression]) -> list[program.Bound]:
-        return [(law, {n: model.symbol(n) for n in law.symbols if n not in program.SYMBOLS}) for law in laws]
-
-    programs = {
-        name: bound([m.written for m in model.acting(body) if m.written]) for name, body in program.BODIES.items()
-    }
-    program.write(out, programs | {"own_rate": bound(model.rates[:1])})
-    for m in model.acting(Body.CARRIAGE, Body.SPRING, *([Body.FOOT] if model.rates else [])):
-        if m.written:
-            out["linear"] &= np.equal(model.symbol(m.names[0]), 0.0)
-    out["own_dry"] = any(law.jumps_in("v_m") for law, _ in programs["own_rail"])
 
 
 def limit_loop(constants: NDArray[Any], loop: Loop, model: Model) -> None:
     """Writes a feedback loop's gains and limits into packed constants. ValueError where it would act twice."""
-    if "motor_lag" in model:
+    if motors := [m.name for m in model.acting(Body.MOTOR)]:
         raise ValueError(
-            "simulate: motor_lag stands for the delay of a feedback loop, which would act twice beside the loop "
-            "itself; remove motor_lag from the model, or drive it by the command alone"
+            f"simulate: {motors[0]} stands for the delay of a feedback loop, which would act twice beside the loop "
+            f"itself; remove {motors[0]} from the model, or drive it by the command alone"
         )
+    constants["led"] = 1
     for name in ("kp", "kd", "max_force", "max_speed"):
         constants[name] = getattr(loop, name)
     constants["low"], constants["high"] = loop.ends

@@ -1,27 +1,23 @@
 """How the jumper's equations are compiled: plain IEEE arithmetic on arrays that the caller owns.
 
 Division by zero gives inf and is not checked, and no reference is counted: a small function costs 5-10 ns instead of
-50. A kernel must therefore not make arrays. The laws of the mechanisms enter as sums, one a body, written from their
-records: the same code as by hand, and no kernel names a mechanism.
+50. A kernel must therefore not make arrays. The laws of a model are called by their addresses (`laws`), which stand in
+its packed constants.
 """
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from llvmlite import ir
 from numba import njit
 from numba.core import cgutils, types
-from numba.extending import intrinsic, register_jitable
+from numba.extending import intrinsic
 
 from jumpvision.base.arrays import Array
-from jumpvision.jumper.mechanisms.record import COMPILED, Body, Mechanism, symbols
-from jumpvision.jumper.mechanisms.registry import acting
-
-from . import scalar
 
 # `_nrt` is numba's name for its reference counting, an option that its documentation does not list
 OPTIONS: dict[str, Any] = {
@@ -101,65 +97,63 @@ def combination(weights: Array, own: int) -> Any:
     return combine
 
 
+def _member(builder: Any, p: Any, kind: Any, field: str) -> Any:
+    """Where an array of numbers lies in a packed model."""
+    return cgutils.get_record_member(builder, p, kind.offset(field), ir.DoubleType())
+
+
+def _routine(builder: Any, p: Any, kind: Any, field: str, signature: Any) -> Any:
+    """The routine whose address stands in a field of a packed model."""
+    at = builder.load(cgutils.get_record_member(builder, p, kind.offset(field), ir.IntType(64)))
+    return builder.inttoptr(at, signature.as_pointer())
+
+
+def law(field: str, gives: int = 1) -> Any:
+    """call(p, (x_1, .., x_n)) in compiled code: the routine of `laws` at the address in p.field.
+
+    It gives one number, or a pair.
+    """
+    double = ir.DoubleType()
+
+    @intrinsic
+    def call(typing: Any, p: Any, numbers: Any) -> Any:
+        def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            given = [
+                context.cast(builder, builder.extract_value(args[1], k), t, types.float64)
+                for k, t in enumerate(numbers.types)
+            ]
+            out = double if gives == 1 else ir.LiteralStructType([double] * gives)
+            kind = ir.FunctionType(out, [double.as_pointer(), *[double] * len(given)])
+            routine = _routine(builder, args[0], p, field, kind)
+            found = builder.call(
+                routine, [_member(builder, args[0], p, "number"), *given], attrs=("nounwind", "readonly")
+            )
+            if gives == 1:
+                return found
+            return cgutils.pack_array(builder, [builder.extract_value(found, k) for k in range(gives)])
+
+        return (types.float64 if gives == 1 else types.UniTuple(types.float64, gives))(p, numbers), code
+
+    return call
+
+
+def listed(field: str, *arrays: str) -> Any:
+    """call(p): the routine at the address in p.field, of these arrays of p."""
+    double = ir.DoubleType().as_pointer()
+
+    @intrinsic
+    def call(typing: Any, p: Any) -> Any:
+        def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            kind = ir.FunctionType(ir.VoidType(), [double] * len(arrays))
+            routine = _routine(builder, args[0], p, field, kind)
+            builder.call(routine, [_member(builder, args[0], p, a) for a in arrays])
+            return context.get_dummy_value()
+
+        return types.void(p), code
+
+    return call
+
+
 def kernel_of(make: Callable[[str], Any]) -> Callable[[str], Any]:
     """Around a function that holds one kernel, kept by numba under a key of all sources: compiled once a process."""
     return functools.cache(make)
-
-
-for _law in COMPILED:
-    register_jitable(_law)
-
-SCALED = frozenset(n for m in acting(Body.BED) for n in m.scales)
-
-
-def summed(body: Body, state: str, *, at: str = "", part: str = "law") -> Any:
-    """kernel f(total, <state>, p) -> total + the laws of all that acts on the body in the model p, one after another.
-
-    state: symbols, separated by commas. at: such as "v=1.0", symbols that are fixed. part: of the record.
-    """
-    lines = [f"def f(total, {state}, p):"]
-    for m in acting(body):
-        if getattr(m, part):
-            lines += [f"    if p.{m.name}:", f"        total += {_call(m, state, at, part)}"]
-    return _made([*lines, "    return total"], acting(body), part)
-
-
-def each(which: Iterable[Mechanism], state: str, *, at: str = "", part: str = "law") -> Any:
-    """kernel f(out, i, j, <state>, p): writes the law of each of the mechanisms to out[i, j], out[i, j + 1] and on."""
-    lines = [f"def f(out, i, j, {state}, p):"]
-    for k, m in enumerate(which):
-        lines += [f"    if p.{m.name}:", f"        out[i, j + {k}] = {_call(m, state, at, part)}"]
-    return _made([*lines, "    return"], which, part)
-
-
-def running(which: Iterable[Mechanism], state: str, *, at: str = "") -> Any:
-    """As `each`, but writes the sum up to each: differences of it are the parts of the very sum of `summed`."""
-    lines = [f"def f(out, i, j, {state}, p):", "    total = 0.0"]
-    for k, m in enumerate(which):
-        lines += [f"    if p.{m.name}:", f"        total += {_call(m, state, at, 'law')}"]
-        lines += [f"    out[i, j + {k}] = total"]
-    return _made([*lines, "    return"], which, "law")
-
-
-def chosen(body: Body, state: str) -> Any:
-    """kernel f(which, factor, <state>, p): law number `which` (from 1) of the body, its SCALED parameters by factor."""
-    which = acting(body)
-    lines = [f"def f(which, factor, {state}, p):"]
-    for k, m in enumerate(which):
-        lines += [f"    if which == {k + 1}:", f"        return {_call(m, state, '', 'law', 'factor * ')}"]
-    return _made([*lines, "    return 0.0"], which, "law")
-
-
-def _call(m: Mechanism, state: str, at: str, part: str, scale: str = "") -> str:
-    """The call of a law in terms of state, fixed symbols and the constants p."""
-    fixed = dict(pair.split("=") for pair in at.split(",") if pair)
-    own = [n.strip() for n in state.split(",")]
-    names = symbols(getattr(m, part))
-    values = [fixed.get(n) or (n if n in own else f"{scale if n in SCALED else ''}p.{n}") for n in names]
-    return f"{part}_{m.name}(xp, {', '.join(values)})"
-
-
-def _made(lines: list[str], which: Iterable[Mechanism], part: str) -> Any:
-    space: dict[str, Any] = {"xp": scalar} | {f"{part}_{m.name}": getattr(m, part) for m in which}
-    exec("\n".join(lines), space)
-    return kernel(space["f"])

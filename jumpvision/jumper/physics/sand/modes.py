@@ -9,34 +9,31 @@ import math
 from typing import Any
 
 from jumpvision.base.arrays import Array
-from jumpvision.jumper.mechanisms.own import LONG_AGO
-from jumpvision.jumper.mechanisms.record import Body
 
 from .granular import (
     AIR,
     AT,
-    HARD,
     INTRUDE,
-    NEAR,
+    NEVER,
     STUCK,
     VF,
     XF,
     Guards,
     V,
     X,
+    ground_law,
     loop_acceleration,
-    own_rail,
+    rail_force,
     rod,
     spring_force,
-    static_force,
+    spring_law,
+    spring_slope,
     yield_force,
 )
-from .kernel import kernel, number, summed
-from .program import REST, value
+from .kernel import kernel, number
+from .laws import REST
 
 DEEPEST = 1e3  # m
-springs = summed(Body.SPRING, "stretch, stretch_rate")
-slopes = summed(Body.SPRING, "stretch, stretch_rate", part="slope")
 
 
 @kernel
@@ -71,7 +68,7 @@ def limit(t: float, s: Array, mode: int, slip: int, p: Any) -> None:
 
 
 @kernel
-def rail_force(t: float, s: Array, mode: int, p: Any) -> float:
+def holding_force(t: float, s: Array, mode: int, p: Any) -> float:
     """Force the rail must give [N] to hold the carriage still."""
     x_r, v_r, v_m, _, acceleration = rod(t, s, p)
     force = spring_force(x_r, v_r, s, mode, p)
@@ -83,12 +80,8 @@ def rail_force(t: float, s: Array, mode: int, p: Any) -> float:
 @kernel
 def held_between(t: float, s: Array, p: Any) -> tuple[float, float]:
     """Least and greatest force [N] of the rail on a carriage at rest: as it would begin to move up, and down."""
-    low, high = -p.hold, p.hold
-    if p.own_dry == 1:
-        x_r, _, _, x, _ = rod(t, s, p)
-        low += own_rail(t, x_r, x_r + x, REST, s, p)
-        high += own_rail(t, x_r, x_r + x, -REST, s, p)
-    return low, high
+    x_r, _, _, x, _ = rod(t, s, p)
+    return rail_force(t, s, x_r, x, REST, p), rail_force(t, s, x_r, x, -REST, p)
 
 
 @kernel
@@ -96,7 +89,7 @@ def guards(t: float, s: Array, mode: int, slip: int, p: Any) -> Guards:
     """Positive while mode, slip and hold last: leave the ground or air, yield or stop, rail, limits of the motor."""
     first, second, third = 1.0, 1.0, 1.0
     last = room(t, s, mode, slip, p) if p.kp > 0.0 else 1.0
-    sticks = p.hold > 0.0 or p.own_dry == 1
+    sticks = p.dry == 1
     if p.massless == 0 and not sticks and mode != STUCK:  # the forcing is not needed
         if mode == AIR:
             return s[XF] + p.memory[0], second, third, last
@@ -111,12 +104,12 @@ def guards(t: float, s: Array, mode: int, slip: int, p: Any) -> Guards:
     else:
         push = spring_force(x_r, v_r, s, mode, p) + p.m_f * p.g
         first = push + p.slack
-        if p.static != HARD:
+        if p.sand == 1:
             second = yield_force(t, s, p) + p.slack - push
     if sticks:
         if slip == 0:
             low, high = held_between(t, s, p)
-            need = rail_force(t, s, mode, p)
+            need = holding_force(t, s, mode, p)
             third = high + p.slack - need if need > 0.5 * (low + high) else need - (low - p.slack)
         else:
             third = slip * v_m
@@ -132,7 +125,7 @@ def settle(t: float, s: Array, p: Any) -> int:
     push = spring_force(x_r, v_r, s, number(STUCK), p) + p.m_f * p.g
     if push < -p.slack:
         return AIR
-    if p.static != HARD and push > yield_force(t, s, p) + p.slack:
+    if p.sand == 1 and push > yield_force(t, s, p) + p.slack:
         return INTRUDE
     return STUCK
 
@@ -140,14 +133,14 @@ def settle(t: float, s: Array, p: Any) -> int:
 @kernel
 def grip(t: float, s: Array, mode: int, p: Any, still: float) -> int:
     """Slip of the rail: the sign of v_m, or at |v_m| <= still 0 if the rail can hold, else the sign it will take."""
-    if p.hold == 0.0 and p.own_dry == 0:
+    if p.dry == 0:
         return 1
     v_m = rod(t, s, p)[2]
     if v_m > still:
         return 1
     if v_m < -still:
         return -1
-    need = rail_force(t, s, mode, p)
+    need = holding_force(t, s, mode, p)
     low, high = held_between(t, s, p)
     if need > high + p.slack:
         return -1
@@ -159,36 +152,26 @@ def squeeze(p: Any) -> float:
     """Compression of the spring e [m] under M g, by Newton from above: a spring that hardens only lets it fall."""
     e = p.M * p.g / p.k_s
     for _ in range(100):
-        force, slope = p.k_s * e + springs(0.0, -e, 0.0, p), p.k_s + slopes(0.0, -e, 0.0, p)
-        if p.own_spring > 0:
-            own = settled(p.own_spring, 0.0, -e, p)
-            force, slope = force + own, slope + (settled(p.own_spring, 0.0, -e - NEAR, p) - own) / NEAR
+        force, slope = p.k_s * e, p.k_s
+        if p.spring != 0:
+            force, slope = force + spring_law(p, (-e, 0.0, 0.0)), slope - spring_slope(p, (-e, 0.0, 0.0))
         change = (force - p.M * p.g) / slope
         e -= change
-        if change <= 1e-16 * e and (p.own_spring == 0 or change >= -1e-16 * e):
+        if abs(change) <= 1e-16 * e:
             break
     return e
 
 
 @kernel
-def settled(at: int, z: float, stretch: float, p: Any) -> float:
-    """An own law of the foot or the spring with everything at rest, long after any contact."""
-    return value(p, at, z, -REST, 0.0, 0.0, LONG_AGO, 0.0, 0.0, stretch, 0.0, 0.0, 0.0, 0.0)
-
-
-@kernel
 def carried(z: float, p: Any) -> float:
-    """Force of the undisturbed bed on a foot at rest [N]."""
-    force = static_force(z, 0.0, 0.0, 0.0, p)
-    if p.own_foot > 0:
-        force += settled(p.own_foot, z, 0.0, p)
-    return force
+    """Force of the undisturbed bed on a foot at rest [N], long after any contact."""
+    return ground_law(p, (z, -REST, 0.0, 0.0, 0.0, -NEVER, 0.0, 0.0))[0]
 
 
 @kernel
 def depth(p: Any) -> float:
-    """Depth z [m] where the bed carries the robot, F_p(z) = (M + m_f) g; NaN where it cannot."""
-    if p.static == HARD:
+    """Depth z [m] where the bed carries the robot, F_p(z) = (M + m_f) g; NaN where it cannot. `prepare` first."""
+    if p.sand == 0:
         return 0.0
     load = (p.M + p.m_f) * p.g
     lo, hi = 0.0, 1e-3

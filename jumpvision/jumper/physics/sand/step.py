@@ -17,7 +17,6 @@ from jumpvision.jumper.physics.forcing import sincos
 from .granular import (
     AIR,
     FLOOR,
-    HARD,
     INTRUDE,
     N_ARC,
     SINE,
@@ -25,9 +24,9 @@ from .granular import (
     XF,
     W,
     Y,
-    dry_frictions,
     is_still,
     motors,
+    rail_friction,
     rhs,
     settling,
     yield_force,
@@ -233,7 +232,7 @@ def particular(t: float, p: Any) -> tuple[float, float]:
 def begin(t: float, s: Array, mode: int, slip: int, p: Any) -> None:
     """Writes the arc p.arc that starts from the state s at t; dry friction of the rail is a constant force on it."""
     p.arc[T0], p.arc[FOOT], p.arc[BOW] = t, s[XF], math.inf
-    rail = dry_frictions(0.0, float(slip), p) / p.M
+    rail = rail_friction(t, s, s[Y], 0.0, 0.0, slip, p) / p.M
     if p.massless == 1 and mode == AIR:
         p.arc[Z], p.arc[U], p.arc[PULL] = s[Y], s[W], p.g - rail
         return
@@ -262,7 +261,7 @@ def begin(t: float, s: Array, mode: int, slip: int, p: Any) -> None:
     p.arc[PULL] = p.g - (1.0 - share) * rail
     p.arc[Z], p.arc[U] = (1.0 - share) * s[Y] + share * s[XF], (1.0 - share) * s[W] + share * s[VF]
     p.arc[SWING] = swing = math.sqrt(p.arc[COS] * p.arc[COS] + p.arc[SIN] * p.arc[SIN])
-    if p.massless == 1 or p.hold > 0.0 or p.own_dry == 1 or p.own_foot > 0 or p.tau > 0.0:
+    if p.massless == 1 or p.dry == 1 or p.ages == 1 or p.tau > 0.0:
         return  # a guard that more than this moves
     if mode != AIR:  # that of the spring's force, M (q'' + g)
         p.arc[BOW] = 0.125 * p.M * stiff * stiff * swing
@@ -311,16 +310,16 @@ def clear_until(t: float, s: Array, mode: int, p: Any, best: float, com: float) 
     then bounds foot and rod, on the ground the foot is pushed as q turns. So a long flight or stay need not be looked
     at step by step; with dry friction, which turns with the carriage, it is.
     """
-    if p.massless == 1 or p.hold > 0.0 or not is_still(t, p):
+    if p.massless == 1 or p.dry == 1 or not is_still(t, p):
         return t
     h, share, g = t - p.arc[T0], p.arc[SHARE], p.g
     swing = p.arc[SWING] * math.exp(-p.arc[HALF] * h)
     position = p.ratio * (p.row[2] if p.kind == SINE else p.row[5])
     if mode != AIR:
         stretch = p.arc[P0] + swing
-        if p.arc[FOOT] + stretch - position > best or p.arc[FOOT] + (1.0 - share) * stretch > com or p.own_foot > 0:
+        if p.arc[FOOT] + stretch - position > best or p.arc[FOOT] + (1.0 - share) * stretch > com or p.ages == 1:
             return t
-        return t + stay(h, swing, math.inf if p.static == HARD else yield_force(t, s, p), p)
+        return t + stay(h, swing, math.inf if p.sand == 0 else yield_force(t, s, p), p)
     least = (1.0 - share) * (p.arc[P0] + swing) - p.memory[FLOOR]  # of the mass centre: the foot is in the air for sure
     z = p.arc[Z] + (p.arc[U] - 0.5 * g * h) * h
     if z <= least:

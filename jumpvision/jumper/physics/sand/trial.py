@@ -8,8 +8,9 @@ import numpy as np
 
 from jumpvision.base.arrays import Array
 
-from .granular import AIR, BENDS, HARD, VF, XF, Guards
+from .granular import AIR, VF, XF, Guards
 from .kernel import kernel
+from .laws import BENDS
 
 NEAR = 0.05  # of a guard at the ends of a step: a middle value below it is looked at with the dense output
 ON = 1e-9  # m, so near to a kink of a law a step begins or ends on it
@@ -31,7 +32,7 @@ def positive(g: Guards) -> bool:
 def holds(a: Guards, b: Guards, fall: float, mode: int, p: Any) -> bool:
     """Whether the guards of an arc, a and b at the ends of a step, stay above zero: between, they are at most `fall`
     below the straight line."""
-    return min(a[0], b[0]) > fall and (mode == AIR or p.static == HARD or min(a[1], b[1]) > fall)
+    return min(a[0], b[0]) > fall and (mode == AIR or p.sand == 0 or min(a[1], b[1]) > fall)
 
 
 @kernel

@@ -198,7 +198,7 @@ def fastest(start: float, end: float, p: Any) -> float:
 def spares(peaks: Array, p: Any) -> bool:
     """Whether force and power of the motor surely stay below their peaks on a flight in closed form, driven by a
     sinusoid whose `fastest` is among the peaks."""
-    if p.kind != SINE or p.hold > 0.0 or p.tau > 0.0:
+    if p.kind != SINE or p.dry == 1 or p.tau > 0.0 or p.drive != 0:
         return False
     rate, stiff = p.row[4], p.arc[OMEGA] * p.arc[OMEGA] + p.arc[HALF] * p.arc[HALF]
     forced = rate * rate * math.sqrt(p.arc[P1] * p.arc[P1] + p.arc[P2] * p.arc[P2])

@@ -42,8 +42,8 @@ HEIGHT_SIGMA = 1e-3  # m, of a height in an experiment: what the kink of a simul
 
 def best_on_hard_ground(s: Sweep, kind: str, frequency: Array) -> float:
     """Height [m] of the type's best jump of the same robot on hard ground."""
-    hard = dataclasses.replace(s.machine.model, ground="hard", terms=())
-    study = dataclasses.replace(s, machine=dataclasses.replace(s.machine, model=hard, laws=None))
+    hard = dataclasses.replace(s.setup.model, ground="hard", terms=())
+    study = dataclasses.replace(s, setup=dataclasses.replace(s.setup, model=hard, laws=None))
     return float(np.nanmax(heights(study, kind, {"frequency": frequency})))
 
 
@@ -120,7 +120,7 @@ def jump_types(s: Sweep) -> Found:
     phi, f = s.axis("phi"), FREQUENCIES
     alpha, rms, _, _ = drag_of_singles(s, f[::3], phi)
     older, laws = baseline(s), with_alpha(s, phi, alpha)
-    model = placeholder(s.machine.model, older)
+    model = placeholder(s.setup.model, older)
     kept, found, old, hard = [], [], [], []
     for kind, (phase, delay) in TYPES.items():
         at_top = heights(s, kind, {"frequency": f, "phi": phi[-1:]})[:, 0]
@@ -146,14 +146,7 @@ def jump_types(s: Sweep) -> Found:
         "height_after_hop_m": (("phi",), after, "m", "delayed stutter, above the rod's rest after the hop"),
         "equivalent_phi": (("phi",), alike, "1", "volume fraction whose single jump is as high as from after the hop"),
     }
-    data = dataset(
-        s,
-        {"jump": list(TYPES), "phi": phi},
-        over,
-        results,
-        extra,
-        facts=JumpTypes(older),
-    )
+    data = dataset(s, {"jump": list(TYPES), "phi": phi}, over, results, extra, facts=JumpTypes(older))
     return data, _rows_of_types(s, data)
 
 
@@ -161,7 +154,7 @@ def _sunk_by_hop(s: Sweep, frequency: float, phi: float) -> float:
     """How much deeper the foot stands before the second half cycle than before the first [m]."""
     phase, delay = TYPES["delayed stutter"]
     m, law, _ = motion(
-        s, s.machine.model, {"frequency": frequency, "phi": phi, "phase": phase, "delay": delay}, samples=3001
+        s, s.setup.model, {"frequency": frequency, "phi": phi, "phase": phase, "delay": delay}, samples=3001
     )
     before = np.flatnonzero(m.t < law.rows[1, 1])[-1]
     return float(m.foot[0] - m.foot[before])
@@ -246,7 +239,7 @@ def delay(s: Sweep) -> Found:
     """
     need_cone(s)
     rigid, s = s, lowered(s)
-    phase, phi = TYPES["stutter"][0], np.array([s.machine.values["phi"]])
+    phase, phi = TYPES["stutter"][0], np.array([s.setup.values["phi"]])
     wait, half = s.axis("delay"), 0.5 / loaded_frequency(s)
     swing = wait[wait <= 2.0 * half]  # until the ringing repeats itself
     swing = swing if swing.size else wait
@@ -256,7 +249,7 @@ def delay(s: Sweep) -> Found:
     older = baseline(s)
     law: dict[str, ArrayLike] = {"delay": wait, "phase": phase, "frequency": at}
     found = batch(s, law)
-    old = batch(s, law, placeholder(s.machine.model, older), with_alpha(s, phi, alpha))
+    old = batch(s, law, placeholder(s.setup.model, older), with_alpha(s, phi, alpha))
     single = float(heights(s, "single", {"frequency": FREQUENCIES}).max())
     rings = batch(rigid, law)["jump_height_m"]
     h, o = found["jump_height_m"], old["jump_height_m"]
@@ -271,13 +264,13 @@ def delay(s: Sweep) -> Found:
         ("delay",),
         found,
         extra,
-        facts=Delay(alpha[0], half, older, s.machine.values["dwell_gain"]),
+        facts=Delay(alpha[0], half, older, s.setup.values["dwell_gain"]),
     )
     first = np.argmax(h[: swing.size])
     below = wait < wait[first]
     late = wait >= wait[-1] - 2.0 * half
     rows = [
-        s.number("memory of the bed; gain in the pause", f"{memory_of(s)}; {s.machine.values['dwell_gain']:g}"),
+        s.number("memory of the bed; gain in the pause", f"{memory_of(s)}; {s.setup.values['dwell_gain']:g}"),
         s.number(
             "best delay within one loaded period; half that period; at f",
             f"{wait[first] * 1e3:.0f}, {half * 1e3:.0f} ms; {at:.3g} Hz",
@@ -309,16 +302,16 @@ def _mean(x: Array) -> float:
 def lowered(s: Sweep) -> Sweep:
     """The sweep with the loop's gain lowered in the pause, as the thesis did, unless a gain is asked for or no loop is
     known."""
-    if "dwell_gain" in s.values or s.machine.values["dwell_gain"] < 1.0 or "kp" not in s.machine.values:
+    if "dwell_gain" in s.values or s.setup.values["dwell_gain"] < 1.0 or "kp" not in s.setup.values:
         return s
-    values = {**s.machine.values, "dwell_gain": DWELL}
-    return dataclasses.replace(s, machine=dataclasses.replace(s.machine, values=values))
+    values = {**s.setup.values, "dwell_gain": DWELL}
+    return dataclasses.replace(s, setup=dataclasses.replace(s.setup, values=values))
 
 
 def memory_of(s: Sweep) -> str:
     """The overshoots of the model with their parameters, in words."""
-    model, laws = s.machine.model, s.machine.laws.laws if s.machine.laws else {}
-    at = s.machine.values["phi"]
+    model, laws = s.setup.model, s.setup.laws.laws if s.setup.laws else {}
+    at = s.setup.values["phi"]
     told = [
         f"{m.name} ("
         + ", ".join(
@@ -333,10 +326,10 @@ def memory_of(s: Sweep) -> str:
 
 def loaded_frequency(s: Sweep) -> float:
     """Natural frequency [Hz] of the robot on its spring in series with the bed's initial slope k1 (or k)."""
-    v = resolve(s.machine.values, {})
-    if s.machine.laws:
-        v |= s.machine.laws.points(v["phi"], s.machine.model.foot_radius or math.nan, s.machine.phi_sigma)
-    m = model_at(s.machine.model, v)
+    v = resolve(s.setup.values, {})
+    if s.setup.laws:
+        v |= s.setup.laws.points(v["phi"], s.setup.model.foot_radius or math.nan, s.setup.phi_sigma)
+    m = model_at(s.setup.model, v)
     slope = m.parameters.k if "linear_penetration" in m else m.parameters.k1
     return math.sqrt(1.0 / (1.0 / m.k_s + 1.0 / (slope or math.inf)) / m.M) / (2.0 * math.pi)
 
@@ -360,24 +353,18 @@ def foot_radius(s: Sweep) -> Found:
         best = np.argmax(every["jump_height_m"], axis=1)
         found.append({n: x[np.arange(r.size), best] for n, x in every.items()} | {"frequency": f[best]})
     results = {n: np.stack([x[n] for x in found]) for n in found[0]}
-    p, m = s.machine.model.parameters, s.machine.model
+    p, m = s.setup.model.parameters, s.setup.model
     cone: dict[str, Any] = {"C": p.C, "mu": p.mu, "theta": p.theta, "phi": m.volume_fraction, "rho": m.grain_density}
     full = r * math.tan(p.theta) / p.mu
-    mass = np.array([cone_mass(np, z, R=float(x), **cone) for z, x in zip(full, r)])
-    slope = np.array([cone_mass_slope(np, 0.0, R=float(x), **cone) for x in r])
+    mass = np.array([cone_mass(np, z=z, R=float(x), **cone) for z, x in zip(full, r)])
+    slope = np.array([cone_mass_slope(np, z=0.0, R=float(x), **cone) for x in r])
     extra: dict[str, Variable] = {
         "best_frequency_Hz": (("jump", "foot_radius"), results.pop("frequency"), "Hz", "of the highest jump"),
         "added_mass_kg": (("foot_radius",), mass, "kg", "of the complete cone (33)"),
         "drag_kg_per_m": (("foot_radius",), (p.b or 0.0) * slope, "kg/m", "b dm_a/dz at the surface"),
         "cone_depth_m": (("foot_radius",), full, "m", "depth where the cone is complete, R tan(theta)/mu"),
     }
-    data = dataset(
-        s,
-        {"jump": list(kinds), "foot_radius": r},
-        ("jump", "foot_radius"),
-        results,
-        extra,
-    )
+    data = dataset(s, {"jump": list(kinds), "foot_radius": r}, ("jump", "foot_radius"), results, extra)
     power = {n: np.polyfit(np.log(r), np.log(data[n].values), 1)[0] for n in ("added_mass_kg", "drag_kg_per_m")}
     h = data.jump_height_m.values * 1e3
     rows = [

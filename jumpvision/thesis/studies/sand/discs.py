@@ -12,9 +12,9 @@ import numpy as np
 import xarray as xr
 
 from jumpvision.base.progress import WORKERS, in_parts
+from jumpvision.base.record import plain
 from jumpvision.base.schema import InputError, param, read
 from jumpvision.base.storage import write_aside
-from jumpvision.experiment.results import plain
 from jumpvision.experiment.workflow.entries import versions
 from jumpvision.laboratory.dem.discs import Box, Discs, Law, Plate
 from jumpvision.laboratory.dem.motion import integrate, time_step

@@ -20,20 +20,12 @@ from jumpvision.jumper.physics.model import fitted_parameter
 from jumpvision.jumper.physics.packing import fit_packing_law
 from jumpvision.thesis.studies.comparison import law_of, problem
 from jumpvision.thesis.studies.compute import ATOL, RTOL, dataset
-from jumpvision.thesis.studies.machine import machine
+from jumpvision.thesis.studies.setup import setup_of
 from jumpvision.thesis.studies.study import Found, Measured, Sweep, study
 
 from .beds import kink
 
 TRIED = {"b": np.geomspace(0.6, 120.0, 25), "alpha": np.geomspace(5.0, 1000.0, 25)}
-SEEN = (
-    "jump_height_m",
-    "sigma_m",
-    "sigma_common_m",
-    "volume_fraction",
-    "sigma_volume_fraction",
-    "sigma_common_volume_fraction",
-)
 APART = 0.002  # of volume fraction: beds further apart are different packings
 LEAST = 5  # packings that a law needs
 
@@ -63,21 +55,21 @@ def measured(given: Measured) -> Seen:
     command = f"sweep granular --analysis {given.study.name}"
     plan, say = Plan(given.results, given.results / ".cache", stages=("summary",), command=command), given.say
     outcomes = run_campaign(campaign, plan, workers=given.workers, done=lambda o: say(f"{o.name}: {o.seconds:.1f} s"))
-    used, rows = [], []
+    used, laws, seen = [], [], []
     for e, o in zip(campaign.experiments, outcomes):
-        why = problem(o) or ("" if o.summary.get("volume_fraction") else "no volume fraction")
+        why = problem(o) or ("" if o.summary.volume_fraction.value else "no volume fraction")
         if why:
             say(f"{e.name}: left out: {why}")
             continue
         for said in (w for w in o.warnings if "[bed] volume_fraction" in w):
             say(f"warning: {e.name}: {said}")
         used.append(e)
-        rows.append(law_of(e) | {n: o.summary[n] for n in SEEN} | {"dwell_gain": e.section(Actuation).dwell_gain})
+        laws.append(law_of(e) | {"dwell_gain": e.required(Actuation).dwell_gain})
+        seen.append((*o.summary.jump_height.numbers, *o.summary.volume_fraction.numbers))
     if not used:
         raise InputError([f"{campaign.path}: no experiment has a measured jump height and a volume fraction"])
-    at = {n: np.array([r[n] for r in rows], float) for n in rows[0]}
-    seen = [np.nan_to_num(at.pop(n)) for n in SEEN]
-    return Seen(used, at, *seen)
+    at = {n: np.array([law[n] for law in laws], float) for n in laws[0]}
+    return Seen(used, at, *np.nan_to_num(np.array(seen)).T)
 
 
 @dataclass(frozen=True)
@@ -97,7 +89,7 @@ def drag_fit(given: Measured) -> Found:
     """
     seen = measured(given)
     used, phi, height, sigma, common = seen.used, seen.phi, seen.height, seen.sigma, seen.common
-    robot = machine("granular", used[0].path, given.overrides, model_file=given.model_file, laws=given.laws)
+    robot = setup_of("granular", used[0].path, given.overrides, model_file=given.model_file, laws=given.laws)
     s = Sweep(given.study, dataclasses.replace(robot, thesis=False), {}, {}, given.workers, given.say)
     name = "b" if "depth_drag" in robot.model else "alpha"
     if not {"depth_drag", "inertial_drag"} & set(robot.model.terms):

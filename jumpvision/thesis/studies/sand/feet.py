@@ -13,10 +13,10 @@ import pandas as pd
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.progress import watch
+from jumpvision.base.record import plain
 from jumpvision.base.schema import InputError, param, read
 from jumpvision.base.storage import sha256, write_aside
 from jumpvision.experiment.inputs.logs import read_columns
-from jumpvision.experiment.results import plain
 from jumpvision.experiment.workflow.entries import versions
 from jumpvision.jumper.physics import shapes
 from jumpvision.jumper.physics.rft import Grains, Table, cut, generic_2d, generic_3d, gridded, of_plane, push
@@ -179,7 +179,7 @@ def write_forces(found: pd.DataFrame, told: Mapping[str, object], inputs: Sequen
     return files
 
 
-def told_of(foot: Foot, table: Path | None, stl: Path | None, found: FootNumbers, command: str) -> dict[str, object]:
+def facts_of(foot: Foot, table: Path | None, stl: Path | None, found: FootNumbers, command: str) -> dict[str, object]:
     """What rft.json says."""
     law = f"table {table}" if table else {"3d": "Agarwal et al. 2023", "2d": "Li et al. 2013"}[foot.law]
     return {"command": command, "foot": asdict(foot) | {"stl": stl and str(stl)}, "law": law, "numbers": asdict(found)}

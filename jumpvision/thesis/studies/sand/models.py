@@ -47,14 +47,12 @@ def alpha_fit(s: Sweep) -> Found:
     """Single jumps with constant drags against those of the cone at one packing; alpha against packing."""
     need_cone(s)
     f = s.axis("frequency")
-    here = np.array([s.machine.values["phi"]])
+    here = np.array([s.setup.values["phi"]])
     alpha, rms, cone, tried = drag_of_singles(s, f, here)
     phi = s.ranges.get("phi", s.usual("phi"))
-    all_alpha, all_rms, _, _ = (
-        drag_of_singles(s, FREQUENCIES[::3], phi) if s.machine.laws else (alpha, rms, cone, tried)
-    )
-    phi = phi if s.machine.laws else here
-    model = placeholder(s.machine.model, "constant drag")
+    all_alpha, all_rms, _, _ = drag_of_singles(s, FREQUENCIES[::3], phi) if s.setup.laws else (alpha, rms, cone, tried)
+    phi = phi if s.setup.laws else here
+    model = placeholder(s.setup.model, "constant drag")
     fitted = dataclasses.replace(model, parameters=dataclasses.replace(model.parameters, alpha=float(alpha[0])))
     found = batch(s, {"frequency": f, "phase": 1.5 * math.pi, "delay": 0.0}, fitted)
     spread = np.ptp(tried[:, 0], axis=0)
@@ -125,11 +123,11 @@ def force_models(s: Sweep) -> Found:
     At the best frequency of the densest bed of the laws, as in Fig 45(b), unless one is asked for.
     """
     need_cone(s)
-    phi = np.array([s.machine.values["phi"]])
-    dense = packings(s, 2)[-1] if s.machine.laws else phi[0]
+    phi = np.array([s.setup.values["phi"]])
+    dense = packings(s, 2)[-1] if s.setup.laws else phi[0]
     tried = np.atleast_1d(s.values.get("frequency", FREQUENCIES))
     frequency = float(tried[np.argmax(heights(s, "stutter", {"frequency": tried, "phi": dense}))])
-    alpha = s.machine.model.parameters.alpha
+    alpha = s.setup.model.parameters.alpha
     if alpha is None:
         alpha = float(drag_of_singles(s, FREQUENCIES[::3], phi)[0][0])
     law_of = {"frequency": frequency, "phase": STUTTER, "delay": 0.0, "phi": float(phi[0])}
@@ -137,11 +135,11 @@ def force_models(s: Sweep) -> Found:
     numbers: dict[str, list[float]] = {}
     results = []
     for name in COMPARED:
-        model = force_model(s.machine.model, name, alpha=alpha)
+        model = force_model(s.setup.model, name, alpha=alpha)
         m, law, here = motion(s, model, law_of, SAMPLES)
         results.append(batch(s, {n: v for n, v in law_of.items() if n != "phi"}, model))
         cone = {n: here.symbol(n) for n in ("C", "mu", "theta", "R", "phi", "rho")}
-        mass = cone_mass(np, np.maximum(-m.foot, 0.0), **cone) * (m.mode == MODES.index("intrude"))
+        mass = cone_mass(np, z=np.maximum(-m.foot, 0.0), **cone) * (m.mode == MODES.index("intrude"))
         up = (m.t > law.stop - 0.5 / frequency) & (m.t < law.stop)  # the second half cycle
         columns = {n: getattr(m, n) for n in ("rod", "foot", "motor", "spring_force", "ground_force", "mode")}
         for n, x in (columns | {"added_mass": mass * ("added_mass" in model)}).items():
@@ -206,7 +204,7 @@ def force_models(s: Sweep) -> Found:
         )
         for i, name in enumerate(COMPARED)
     ]
-    whole = max(series["added_mass"][-1]) / s.machine.model.m_f
+    whole = max(series["added_mass"][-1]) / s.setup.model.m_f
     rows.append(s.number("greatest added mass / foot mass", f"{whole:.1f}", "over 4"))
     return data, rows
 
@@ -222,10 +220,10 @@ def drag_scale(s: Sweep) -> Found:
     """What the cone's added mass and the scale b of its drag do to both jump types, loose and dense."""
     need_cone(s)
     f = s.axis("frequency")
-    phi = s.axis("phi") if s.machine.laws else np.array([s.machine.values["phi"]])
+    phi = s.axis("phi") if s.setup.laws else np.array([s.setup.values["phi"]])
     kinds = ("single", "stutter")
-    base = s.machine.laws
-    model = s.machine.model
+    base = s.setup.laws
+    model = s.setup.model
     scaled = []
     for x in SCALES:
         laws = base
@@ -244,13 +242,7 @@ def drag_scale(s: Sweep) -> Found:
         "scaled_height_m": (("scale", *over), h, "m", "jump height with b times scale"),
         "massless_height_m": (over, massless, "m", "jump height without the added mass"),
     }
-    data = dataset(
-        s,
-        {"jump": list(kinds), "phi": phi, "frequency": f, "scale": SCALES},
-        over,
-        results,
-        extra,
-    )
+    data = dataset(s, {"jump": list(kinds), "phi": phi, "frequency": f, "scale": SCALES}, over, results, extra)
     best = results["jump_height_m"].max(axis=2)
     lost = massless.max(axis=2) - best
     span = np.ptp(h, axis=0)

@@ -16,7 +16,7 @@ from jumpvision.experiment.inputs.sections import Preparation
 from jumpvision.experiment.results.fields import as_attributes
 from jumpvision.experiment.workflow.many import run_campaign
 from jumpvision.experiment.workflow.run import Plan
-from jumpvision.thesis.studies.compute import Setting
+from jumpvision.thesis.studies.compute import Origin
 from jumpvision.thesis.studies.sand.compaction import LEAST, NAMES, Compaction, fit_compaction
 from jumpvision.thesis.studies.study import Found, Measured, Row, study
 
@@ -54,15 +54,12 @@ def prepared(given: Measured) -> list[Prepared]:
     outcomes = run_campaign(campaign, plan, workers=given.workers, done=lambda o: say(f"{o.name}: {o.seconds:.1f} s"))
     out = []
     for e, o in zip(campaign.experiments, outcomes):
-        how, phi = e.section(Preparation), o.summary.get("volume_fraction")
+        how, (phi, sigma, common) = e.section(Preparation), o.summary.volume_fraction
         if how is None or phi is None:
             why = "no [preparation]" if how is None else o.errors[0] if o.errors else "no volume fraction"
             say(f"{e.name}: left out: {why}")
             continue
-        own, common = (
-            float(o.summary.get(n) or 0.0) for n in ("sigma_volume_fraction", "sigma_common_volume_fraction")
-        )
-        out.append(Prepared(e.name, how, float(phi), own, common))
+        out.append(Prepared(e.name, how, phi, sigma or 0.0, common or 0.0))
     if not out:
         raise InputError([f"{campaign.path}: no experiment has [preparation] pulses and a volume fraction"])
     return out
@@ -155,5 +152,5 @@ def _dataset(given: Measured, used: list[Prepared], laws: dict[tuple[float, floa
         "law": xr.Variable(("setting",), [law.law for law in laws.values()]),
         "law_pulses": xr.Variable(("law_pulses",), curve, {"units": "1"}),
     }
-    made = Setting.of(None, given.study.name)
+    made = Origin.of(None, given.study.name)
     return xr.Dataset(variables, coords, as_attributes(made) | as_attributes(Settings(" | ".join(map(_words, laws)))))

@@ -46,9 +46,9 @@ TAIL = 0.5  # s shown after the motor stops
 
 def batch(s: Sweep, given: Mapping[str, ArrayLike], model: Model | None = None, laws: Laws | None = None) -> Any:
     """Results of jumps over the grid of `given`, with another model or other laws in place of its own."""
-    machine = dataclasses.replace(s.machine, model=model or s.machine.model, laws=laws or s.machine.laws)
+    setup = dataclasses.replace(s.setup, model=model or s.setup.model, laws=laws or s.setup.laws)
     arrays = {n: np.asarray(a, float) for n, a in given.items()}
-    return grid_results(machine, arrays, workers=s.workers, say=s.say)
+    return grid_results(setup, arrays, workers=s.workers, say=s.say)
 
 
 def heights(
@@ -61,9 +61,9 @@ def heights(
 
 def motion(s: Sweep, model: Model, given: Mapping[str, float], samples: int) -> tuple[Motion, Segments, Model]:
     """One jump sampled evenly from its start to TAIL after its stop, with its law and model, driven as in a batch."""
-    v = resolve(s.machine.values, given)
-    if s.machine.laws:
-        v |= s.machine.laws.points(v["phi"], model.foot_radius or np.nan, s.machine.phi_sigma)
+    v = resolve(s.setup.values, given)
+    if s.setup.laws:
+        v |= s.setup.laws.points(v["phi"], model.foot_radius or np.nan, s.setup.phi_sigma)
     here = model_at(model, v)
     law = Segments(law_rows({n: np.atleast_1d(x) for n, x in v.items()})[0])
     t = np.linspace(law.start, law.stop + TAIL, samples)
@@ -75,14 +75,14 @@ def motion(s: Sweep, model: Model, given: Mapping[str, float], samples: int) -> 
 
 def packings(s: Sweep, count: int) -> Array:
     """Volume fractions over the range that all laws know; of the example where they are all constants."""
-    laws = s.machine.laws.laws.values() if s.machine.laws else ()
+    laws = s.setup.laws.laws.values() if s.setup.laws else ()
     low, high = max((x.phi[0] for x in laws), default=0.0), min((x.phi[-1] for x in laws), default=1.0)
     return np.linspace(*((low, high) if high - low < 1.0 else EXAMPLE_RANGE), count)
 
 
 def need_cone(s: Sweep) -> None:
     """InputError unless the model is the cone of eq. (34), against which the older force models are compared."""
-    model = s.machine.model
+    model = s.setup.model
     lacking = [t for t in FORCE_MODELS["cone"] if t not in model]
     if lacking:
         raise InputError(
@@ -95,7 +95,7 @@ def need_cone(s: Sweep) -> None:
 
 def baseline(s: Sweep) -> str:
     """The last of the older force models whose parameters are known: with the overshoot where s and lam are."""
-    laws, p = s.machine.laws, s.machine.model.parameters
+    laws, p = s.setup.laws, s.setup.model.parameters
     known = [getattr(p, n) is not None or (laws is not None and n in laws.laws) for n in ("s", "lam")]
     return "drag and overshoot" if all(known) else "constant drag"
 
@@ -112,18 +112,18 @@ def placeholder(model: Model, name: str) -> Model:
 
 def drag_heights(s: Sweep, frequency: Array, phi: Array) -> Array:
     """Heights [m] of single jumps with every constant drag of DRAGS, (na, n_phi, n_f)."""
-    model, out = placeholder(s.machine.model, "constant drag"), np.empty((DRAGS.size, phi.size, frequency.size))
+    model, out = placeholder(s.setup.model, "constant drag"), np.empty((DRAGS.size, phi.size, frequency.size))
     for i, alpha in enumerate(watch(DRAGS, "drags")):
         out[i] = heights(s, "single", {"phi": phi, "frequency": frequency}, model, with_alpha(s, phi, alpha))
     return out
 
 
 def with_alpha(s: Sweep, phi: Array, alpha: ArrayLike) -> Laws:
-    """The laws of the machine with alpha (n,) at phi (n,), for the machine's own foot."""
-    laws = s.machine.laws or Laws({})
+    """The laws of the setup with alpha (n,) at phi (n,), for the robot's own foot."""
+    laws = s.setup.laws or Laws({})
     value = np.broadcast_to(np.asarray(alpha, float), phi.shape)
-    if laws.foot_radius and s.machine.model.foot_radius:
-        value = value * (laws.foot_radius / s.machine.model.foot_radius) ** 2
+    if laws.foot_radius and s.setup.model.foot_radius:
+        value = value * (laws.foot_radius / s.setup.model.foot_radius) ** 2
     if phi.size == 1:  # holds everywhere
         phi, value = np.array([0.0, 1.0]), np.repeat(value, 2)
     return laws.with_law("alpha", phi, value)

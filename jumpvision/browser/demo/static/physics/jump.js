@@ -135,6 +135,7 @@ function hole(q, v, foot) {
   let deep = 0;
   const depth = foot.map((x) => (deep = Math.max(deep, -x)));
   if (q.sand !== "cone") return { hole: depth };
-  const p = ground(v, "cone"), radius = depth.map(p.flat);
-  return { hole: depth, cone_radius: radius, cone_height: radius.map((r) => (p.R - r) * p.tan), cone_mass: depth.map(p.cone) };
+  const p = ground(v, "cone"), cones = depth.map((z) => p.cone(z, 0)), radius = cones.map((c) => c.radius);
+  const height = radius.map((r) => (p.R - r) * Math.tan(v.theta));
+  return { hole: depth, cone_radius: radius, cone_height: height, cone_mass: cones.map((c) => c.mass) };
 }

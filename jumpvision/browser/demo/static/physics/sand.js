@@ -3,6 +3,7 @@
 // y = x_r + (m_m/M) X_m, so that X_m'' is not needed. Adaptive steps of Dormand and Prince; an event is the root of a
 // guard over the length of the step itself, so the state at an event has the accuracy of a step.
 import { motor } from "./law.js";
+import laws from "./laws.js";
 
 export const AIR = 0, REST = 1, INTRUDE = 2;
 const A = [[], [1 / 5], [3 / 40, 9 / 40], [44 / 45, -56 / 15, 32 / 9], [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729],
@@ -21,17 +22,16 @@ const STEPS = 200_000;
 // The model's numbers from those of the page; sand: "cone", "drag", "drag_cone" (constant drag and the cone's mass) or ""
 // (hard floor).
 export function ground(value, sand) {
-  const M = value.motor_mass + value.rod_mass, { foot_radius: R, mu, spring_stiffness: k, spring_damping: c, gravity: g } = value;
+  const M = value.motor_mass + value.rod_mass, { foot_radius: R, spring_stiffness: k, spring_damping: c, gravity: g } = value;
   const p = { M, q: value.motor_mass / M, m: value.foot_mass, k, c, g, sand, e: value.e ?? 0, slack: 1e-9 * M * g };
-  if (!sand) return { ...p, static: () => Infinity, drag: () => 0, mass: () => p.m };
-  const { k1, k2, delta } = value;
-  p.static = (z) => k1 * Math.min(z, delta) + k2 * Math.max(z - delta, 0);
-  if (sand === "drag") return { ...p, drag: () => value.alpha, mass: () => p.m };
-  const tan = Math.tan(value.theta), scale = value.C * value.volume_fraction * value.grain_density * mu;
-  const flat = (z) => Math.max(R - (mu * z) / tan, 0); // (23)
-  const cone = (z) => (scale * Math.PI * (R ** 3 - flat(z) ** 3) * tan) / (3 * mu); // (33)
-  const drag = sand === "drag_cone" ? () => value.alpha : (z) => value.b * scale * Math.PI * flat(z) ** 2; // (34)
-  return { ...p, flat, tan, R, cone, drag, mass: (z) => p.m + cone(z) };
+  if (!sand) return { ...p, static: () => Infinity, ground: () => 0, mass: () => p.m };
+  const at = { ...value, R, phi: value.volume_fraction, rho: value.grain_density, z: 0, v: 0 };
+  const law = (z, v) => {
+    at.z = z;
+    at.v = v;
+    return laws[sand](at);
+  };
+  return { ...p, R, cone: law, static: (z) => law(z, 0).static, ground: (z, v) => law(z, v).force, mass: (z) => p.m + law(z, 0).mass };
 }
 
 // Depth [m] at which the bed carries the robot; NaN where it cannot.
@@ -88,7 +88,7 @@ export class Run {
     out[2] = this.mode === REST ? 0 : s[3];
     if (this.mode === REST) out[3] = 0;
     else if (this.mode === AIR) out[3] = -p.g - force / p.m;
-    else out[3] = (p.static(-s[2]) + p.drag(-s[2]) * s[3] * s[3] - force - p.m * p.g) / p.mass(-s[2]);
+    else out[3] = (p.ground(-s[2], s[3]) - force - p.m * p.g) / p.mass(-s[2]);
   }
 
   // State after h; with `error`, its error over the tolerance is left in this.error.

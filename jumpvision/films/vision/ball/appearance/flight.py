@@ -12,6 +12,7 @@ import numpy as np
 from jumpvision.base.arrays import MAD, Float32
 from jumpvision.films.vision.ball.measure import Found
 from jumpvision.films.vision.ball.moving import HOLE, MOST_FRAMES, Frames, Path, Spot, at, extent, paths, still_scene
+from jumpvision.films.vision.ball.reasons import GOOD, Flag, Reason
 from jumpvision.films.vision.ball.track import BallTrack, as_track
 
 from .joint import adjusted
@@ -50,7 +51,7 @@ def in_flight(frames: Frames, diameter: float | None, seed: tuple[float, float] 
     if not outlined and diameter is None:
         return None
     places = _everywhere(frames, scene, path, layer, known)
-    on_path = [places[s.i].found.flag == "" for s in path]
+    on_path = [not places[s.i].found.flag for s in path]
     if np.mean(on_path) < SURE:
         return None
     better = adjusted(frames, scene, places, layer, outlined)
@@ -116,7 +117,7 @@ def _things(i: int, image: Float32, scene: Float32, d: float) -> list[Spot]:
         yy, xx = np.indices(part.shape)
         part = part * (np.hypot(xx + x0 - column, yy + y0 - row) < 0.75 * d)
         x, y = (float(np.average(v, weights=part)) for v in (xx + x0, yy + y0))
-        out.append(Spot(i, x, y, d, peak, Found("", x, y)))
+        out.append(Spot(i, x, y, d, peak, Found(GOOD, x, y)))
         mean[max(0, row - k) : row + k + 1, max(0, column - k) : column + k + 1] = 0.0
     return out
 
@@ -147,7 +148,7 @@ def _everywhere(frames: Frames, scene: Float32, path: Path, layer: Layer, known:
             place = fit(image, scene, layer, start, layer.d)
             if place.found.flag and i not in spots:  # held before, or bounced: where it was, or something moves
                 if order.step > 0 and left(scene, *expected, 0.0):
-                    place = replace(place, found=Found("left the image"))
+                    place = replace(place, found=Found(Flag(Reason.FLOWN_OUT)))
                 elif gap <= HOLE:
                     reach = layer.d + gap * _fastest(path)
                     near = [(t.x, t.y) for t in _things(i, image, scene, layer.d)]
@@ -156,7 +157,7 @@ def _everywhere(frames: Frames, scene: Float32, path: Path, layer: Layer, known:
                     tried = [p for p in (fit(image, scene, layer, s, layer.d) for s in starts) if not p.found.flag]
                     place = min(tried, key=lambda p: p.found.chi2, default=place)
             done[i] = place
-            if place.found.flag == "left the image":
+            if place.found.flag.reason is Reason.FLOWN_OUT:
                 gap = HOLE + 1
             last, gap = (last, gap + 1) if place.found.flag else (place, 1)
     return [done[i] for i in range(len(frames))]

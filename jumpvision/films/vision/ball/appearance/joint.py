@@ -20,8 +20,10 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from jumpvision.base.arrays import FROM_MAD, Array, Float32
+from jumpvision.films.calibration import OUTLINE_RADIUS
 from jumpvision.films.vision.ball.measure import Found
 from jumpvision.films.vision.ball.moving import Frames
+from jumpvision.films.vision.ball.reasons import GOOD, Flag, Reason
 
 from .layer import Layer, Place, shifted
 
@@ -35,8 +37,6 @@ OWN_TURNS = 12  # of a frame, with the shared unknowns as they are
 LARGEST, SMALL = 0.3, 0.05  # step of radius, blur [px] and exposure; first exposure
 OFF, STRAYED = 0.4, 0.5  # of the learned diameter, by which the fitted may differ; of the radius, by which a place may
 ODD, ODD_LIGHT = 2.8, 3.0  # times what a ball leaves in most frames; of the widest light or contrast: not the ball
-LIKE = "doubt: not like the ball of the other frames (off it by {:.1f} times as much)"
-RIM = 0.1, 0.5  # px: standard uncertainty of an outline's radius, and of one that is only given
 WEAK = 1e-6  # 1 / rad^2: of the turn's prior
 FREE = 0.1  # of the contrast, by which light and contrast may change from frame to frame, at first
 BARE = 0.03  # share of a pixel, below which it shows the scene
@@ -250,7 +250,13 @@ def adjusted(frames: Frames, scene: Float32, places: list[Place], layer: Layer, 
     height = float(np.std(shown)) + abs(float(np.median(shown)))
     widest = np.array([(FREE * height) ** 2, FREE**2])
     shared = _Shared(np.zeros(face.falls.size), 0.5 * layer.d, BLUR[0], 0.0)
-    film = _Film((0.5 * layer.d, RIM[not outlined] ** 2), shared, {i: places[i] for i in good}, height**2, widest)
+    film = _Film(
+        (0.5 * layer.d, OUTLINE_RADIUS.value[not outlined] ** 2),
+        shared,
+        {i: places[i] for i in good},
+        height**2,
+        widest,
+    )
     for turn in range(TURNS):
         pictures = _Pictures(face, film.shared)
         equations = {i: _Equations(cuts[i], film.places[i], film.shared, pictures, film.prior) for i in teach}
@@ -360,9 +366,9 @@ def _measured(
         var = np.linalg.inv(e.h)[:2, :2] * e.power / e.noise**2 / max(e.count - 5.0, 1.0) + off @ cov @ off.T
         sigma, p = math.sqrt(max(var[0, 0], var[1, 1])), film.places[i]
         away = math.hypot(p.x - expected[i].x, p.y - expected[i].y) > STRAYED * s.radius
-        found = Found("", p.x, p.y, sigma, 2.0 * s.radius, e.unlike)
+        found = Found(GOOD, p.x, p.y, sigma, 2.0 * s.radius, e.unlike)
         if away or i in odd:
-            found = Found("lost: the fit did not converge" if away else LIKE.format(odd[i]))
+            found = Found(Flag(Reason.NOT_CONVERGED) if away else Flag(Reason.UNLIKE_OTHERS, (odd[i],)))
         out[i] = replace(p, found=found)
     turned = [_turned(film.places[i].turn) @ c for i, c in costs.items()]
     centre = np.mean(turned, axis=0)

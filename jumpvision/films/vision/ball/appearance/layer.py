@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from jumpvision.base.arrays import FROM_MAD, Float32
 from jumpvision.films.vision.ball.measure import Found
 from jumpvision.films.vision.ball.moving import Frames, Path
+from jumpvision.films.vision.ball.reasons import GOOD, Flag, Reason
 
 WINDOW = 0.8  # diameters: half width of the picture of a ball
 ROUNDS = 3  # of learning
@@ -188,11 +189,11 @@ def fit(image: Float32, scene: Float32, layer: Layer, start: Place, d: float) ->
     h, w = image.shape
     reach = 0.5 * layer.d + 1.0
 
-    def lost(why: str) -> Place:
-        return replace(start, found=Found(why))
+    def lost(why: Reason, *numbers: float) -> Place:
+        return replace(start, found=Found(Flag(why, numbers)))
 
     if not (reach < x < w - 1 - reach and reach < y < h - 1 - reach):
-        return lost("at the image edge")
+        return lost(Reason.AT_BORDER)
     x0, y0 = round(x) - half, round(y) - half
     cut = [max(0, -y0), max(0, y0 + k - h), max(0, -x0), max(0, x0 + k - w)]
     at = np.s_[max(0, y0) : y0 + k, max(0, x0) : x0 + k]
@@ -224,18 +225,18 @@ def fit(image: Float32, scene: Float32, layer: Layer, start: Place, d: float) ->
         short = min(1.0, 0.15 * d / max(size, 1e-9), 0.3 / max(abs(step[2]), 1e-9))
         x, y, turn, light, contrast = (v + short * float(s) for v, s in zip((x, y, turn, light, contrast), step))
         if not math.hypot(x - start.x, y - start.y) < 0.5 * d:
-            return lost("lost: the fit did not converge")
+            return lost(Reason.NOT_CONVERGED)
         if size < REST:
             break
     if not (reach < x < w - 1 - reach and reach < y < h - 1 - reach):
-        return lost("at the image edge")
+        return lost(Reason.AT_BORDER)
     ball = part & (alpha > 0.5)
     unlike = float(np.sum(left[ball] ** 2) / max(np.sum((grey - behind)[ball] ** 2), 1e-9))
     if unlike > UNLIKE or not 0.5 < contrast < 2.0:
-        return lost(f"lost: not like the target (contrast {contrast:.2g} of it, {unlike:.0%} unlike)")
+        return lost(Reason.UNLIKE, contrast, unlike)
     cov = np.linalg.inv(normal) * float(np.sum(weight * r**2) / max(np.sum(weight) - 5.0, 1.0))
     sigma = math.sqrt(max(cov[0, 0], cov[1, 1]))
-    return Place(x, y, turn, light, contrast, Found("", x, y, sigma, layer.d, unlike))
+    return Place(x, y, turn, light, contrast, Found(GOOD, x, y, sigma, layer.d, unlike))
 
 
 def _laid(layer: Layer, x: float, y: float, turn: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

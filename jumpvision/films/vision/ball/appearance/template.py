@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from jumpvision.base.arrays import Array, Float32
 from jumpvision.films.vision.ball.measure import Found
 from jumpvision.films.vision.ball.moving import Frames, still_scene
+from jumpvision.films.vision.ball.reasons import GOOD, Flag, Reason
 from jumpvision.films.vision.ball.track import BallSettings, BallTrack, as_track
 
 from .flight import in_flight, left
@@ -58,7 +59,7 @@ def track_template(frames: Frames, settings: BallSettings) -> BallTrack:
         return flying
     target = _cut(np.asarray(frames[0], np.float32), *settings.seed, settings.diameter or DIAMETER)
     if not target.contrast > 0:
-        return as_track([Found("lost: nothing but one grey at track.seed")] * len(frames))
+        return as_track([Found(Flag(Reason.ONE_GREY))] * len(frames))
     scene = still_scene(frames)
     found, turns = _through(frames, settings, target, scene)
     good = [i for i, f in enumerate(found) if not f.flag]
@@ -91,7 +92,7 @@ def _through(frames: Frames, s: BallSettings, target: Target, scene: Float32) ->
         x, y = last[0] + velocity[0] * (lost + 1), last[1] + velocity[1] * (lost + 1)
         speed = math.hypot(*velocity)
         reach = (s.search * d + SPEED * speed) * (lost + 1)
-        best = Found("lost: no target found within track.search")
+        best = Found(Flag(Reason.NO_TARGET))
         gone = known and left(image, x, y, 0.5 * d)
         if i == 0:
             best, turn = _fitted(image, target, *s.seed, 0.0)
@@ -100,7 +101,7 @@ def _through(frames: Frames, s: BallSettings, target: Target, scene: Float32) ->
                 image, target, (x, y, reach), turn + TURNS, turn, LIKE, scene if speed > MOVES * d else None
             )
         if best.flag and known and left(image, x, y, 0.0):  # not anywhere else then
-            best = Found("left the image")
+            best = Found(Flag(Reason.FLOWN_OUT))
         elif best.flag and i > 0:
             best, turn = _best(image, target, None, turn + (TURNS if lost < 3 else ALL_TURNS), turn, SURE, scene)
         if best.flag:
@@ -143,13 +144,13 @@ def _best(
             if like[row, column] > top[0]:
                 top = (float(like[row, column]), x0 + column + (k - 1) / 2, y0 + row + (k - 1) / 2, t)
     if top[0] < least:
-        return Found(f"lost: no target found, the likeliest correlates by {max(top[0], 0.0):.2f}"), turn
+        return Found(Flag(Reason.UNLIKELY, (max(top[0], 0.0),))), turn
     found, turn = _fitted(image, target, *top[1:])
     if not found.flag and scene is not None:
         at = (found.x, found.y)
         there = np.abs(cv2.getRectSubPix(image, (k, k), at) - cv2.getRectSubPix(scene, (k, k), at))
         if float(np.average(there, weights=target.weight)) < CHANGED * target.contrast:
-            return Found("lost: what is like the target here stands still"), turn
+            return Found(Flag(Reason.STANDS_STILL)), turn
     return found, turn
 
 
@@ -190,7 +191,7 @@ def _fitted(image: Float32, target: Target, x: float, y: float, turn: float) -> 
     size = float(np.sqrt(np.sum(target.weight > 0.5) * 4 / math.pi))
     for _ in range(STEPS):
         if not (half < x < w_img - 1 - half and half < y < h - 1 - half):
-            return Found("at the image edge"), turn
+            return Found(Flag(Reason.AT_BORDER)), turn
         grey = sampled(image, x, y, turn, k).astype(np.float64)
         gv, gu = np.gradient(grey)
         c, s = math.cos(turn), math.sin(turn)
@@ -201,10 +202,10 @@ def _fitted(image: Float32, target: Target, x: float, y: float, turn: float) -> 
         try:
             step = -np.linalg.solve(normal, j.T @ (w * grey.ravel()))
         except np.linalg.LinAlgError:
-            return Found("lost: the target has no structure"), turn
+            return Found(Flag(Reason.NO_STRUCTURE)), turn
         x, y, turn = x + float(step[0]), y + float(step[1]), turn + float(np.clip(step[2], -0.3, 0.3))
         if math.hypot(x - begin[0], y - begin[1]) > 0.5 * k:
-            return Found("lost: the fit did not converge"), turn
+            return Found(Flag(Reason.NOT_CONVERGED)), turn
         if math.hypot(step[0], step[1]) < REST:
             break
     light, contrast = (float(v) for v in step[3:])
@@ -212,8 +213,6 @@ def _fitted(image: Float32, target: Target, x: float, y: float, turn: float) -> 
     noise = float(np.sum(w * left**2) / max(np.sum(w) - 5, 1.0))
     spread = float(np.sum(w * (contrast * t - np.average(contrast * t, weights=w)) ** 2) / np.sum(w))
     if not 0.4 < contrast < 2.5 or noise > (1 - LIKE**2) * (spread + noise):
-        return Found(
-            f"lost: not like the target (contrast {contrast:.2g} of it, {noise / (spread + noise):.0%} unlike)"
-        ), turn
+        return Found(Flag(Reason.UNLIKE, (contrast, noise / (spread + noise)))), turn
     cov = np.linalg.inv(normal) * noise
-    return Found("", x, y, math.sqrt(max(cov[0, 0], cov[1, 1])), size, math.nan), turn
+    return Found(GOOD, x, y, math.sqrt(max(cov[0, 0], cov[1, 1])), size, math.nan), turn

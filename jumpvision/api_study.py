@@ -1,0 +1,97 @@
+"""`jv.diagnose`: a campaign's folder, or recordings with the study that simulates them.
+
+Of recordings only the engine is loaded: what opens folders when a folder is given, what draws when a picture is shown.
+"""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeGuard
+
+from jumpvision.base.schema import InputError
+from jumpvision.engine import Diagnosis, How, Recording, Study
+from jumpvision.engine import diagnose as diagnose_study
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from jumpvision.experiment.inputs.experiment import Campaign, Experiment
+
+PathLike = str | os.PathLike[str]
+
+
+def diagnose(
+    asked: Experiment | Campaign | PathLike | Sequence[Recording] | pd.DataFrame,
+    study: Study | None = None,
+    *,
+    results: PathLike | None = None,
+    workers: int | None = None,
+    limit: float | None = None,
+    budget: int | None = None,
+    keep: PathLike | None = None,
+    avoid: bool = False,
+    progress: Callable[[str], None] | None = None,
+) -> Diagnosis:
+    """What a simulation gets wrong, where and why, and what mending it gains; `.values` is diagnosis.json.
+
+    Without a study, asked is a campaign (folder) of jumps whose [model] is questioned; the rest of the arguments but
+    results and workers is not used then. With one, asked is recordings of anything, or a long table with the columns
+    recording, time_s and a column a channel, and the study's own simulator is questioned (docs/any_simulator.md):
+    workers: other processes that simulate (none: this one). limit: seconds of a run (in another process). budget: most
+    runs. keep: file that keeps every run, from which a later call goes on. avoid: go round parameters at which a run
+    fails, instead of stopping. progress: told how far it is, e.g. print. Nothing is written unless results names a
+    folder: diagnosis.json, samples.csv, diagnosis.png, report.html.
+
+    Example: jv.diagnose("my_campaign").sentence
+    """
+    if study is not None:
+        how = How(workers or 0, limit, budget, None if keep is None else Path(keep), avoid, progress)
+        return _of_study(asked, study, how, None if results is None else Path(results))
+    if not _is_folder(asked):
+        raise InputError(["diagnose: recordings need the study that simulates them: jv.diagnose(recordings, study)"])
+    from jumpvision.api import questioned
+
+    return questioned(asked, results, workers)
+
+
+def _is_folder(asked: Any) -> TypeGuard[Experiment | Campaign | PathLike]:
+    """Whether it is a folder's path, or what `jv.open` gave."""
+    return isinstance(asked, str | os.PathLike) or (hasattr(asked, "path") and not hasattr(asked, "columns"))
+
+
+def _of_study(asked: Any, study: Study, how: How, results: Path | None) -> Diagnosis:
+    if not isinstance(study, Study):
+        raise InputError([f"diagnose: study is a {type(study).__name__}; make it with jv.Study(simulate, ...)"])
+    if _is_folder(asked):
+        raise InputError(["diagnose: a folder and a study: use `jumpvision diagnose FOLDER --simulator MODULE:NAME`"])
+    if hasattr(asked, "columns"):
+        asked = Recording.of_table(asked, [c.name for c in study.channels])
+    found = diagnose_study(list(asked), study, how)
+    if results is not None:
+        from jumpvision.report.pages.study import write_study
+
+        write_study(found, results, study.name or "a study")
+    for text in found.noise.warnings:
+        warnings.warn(text, stacklevel=3)
+    object.__setattr__(found, "pictures", _Pictures(found))
+    return found
+
+
+class _Pictures:
+    """The figure of a diagnosis, drawn when it is shown; a pickle of the diagnosis leaves it."""
+
+    def __init__(self, found: Diagnosis | None) -> None:
+        self.found = found
+
+    def __call__(self) -> list[bytes]:
+        if self.found is None:
+            return []
+        from jumpvision.report.figures.diagnosis import study_picture
+
+        return [study_picture(self.found)]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _Pictures, (None,)

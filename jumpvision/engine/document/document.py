@@ -1,0 +1,202 @@
+"""From findings to the record: one document for jumps and for whatever a user's own simulator predicts.
+
+What only some systems have (heights, an apparatus, runs) and their words come from a `Speaker`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from jumpvision.base.arrays import Z90, Array
+from jumpvision.engine.discovery import Law
+from jumpvision.engine.fitting import Fit
+from jumpvision.engine.naming import likely
+from jumpvision.engine.order import Findings
+from jumpvision.engine.search import MOST
+from jumpvision.engine.system import Parameter, System
+from jumpvision.engine.worth.gain import Gain
+
+from . import values as record
+from .diagnosis import Diagnosis
+from .sentence import Words, contradictions, sentence
+
+CELLS, CAUSES = 12, 8  # of "where", and of causes, that are told
+LOOSE = 0.5  # chi^2 per degree of freedom below which a model agrees better than noise lets it
+
+
+class Speaker(Protocol):
+    """How a system and its models are told."""
+
+    @property
+    def system(self) -> System: ...
+    @property
+    def heights(self) -> bool:
+        """Whether its motions have an apex."""
+        ...
+
+    def model(self, fit: Fit) -> record.Model:
+        """Terms and parameters of a fit."""
+        ...
+
+    def parameters(self, fit: Fit, mechanism: str) -> dict[str, record.Parameter]:
+        """Those that a mechanism has in a model."""
+        ...
+
+    def noise(self, d: Findings) -> record.Noise:
+        """The noise, where it was learned, and what a reader must be warned of."""
+        ...
+
+    def completed(self, data: Diagnosis, d: Findings) -> Diagnosis:
+        """The record with what only such a system has."""
+        ...
+
+    def words(self, data: Diagnosis) -> Words: ...
+
+
+def document(d: Findings, speaker: Speaker, stopped: str = "") -> Diagnosis:
+    """The record of findings. stopped: why they are not all that there could be; "" where they are."""
+    n, extended, before = d.naming, d.best is not d.baseline, speaker.model(d.baseline)
+    data = Diagnosis(
+        verdict=record.Verdict.ADEQUATE if d.adequate else record.Verdict.DISCREPANT,
+        p_value=d.detection.p_value,
+        baseline=record.Baseline(
+            before.terms, before.parameters, math.nan, rmse(speaker, d.baseline), d.detection.chi2_per_dof
+        ),
+        where=tuple(
+            record.Cell(str(c.labels.get("kind")), c.part, c.mean_residual, c.z_score, c.p_value, c.n)
+            for c in d.where[:CELLS]
+        ),
+        heights=(),
+        causes=causes(d, speaker),
+        named=n.named if n else (),
+        status=n.status if n else record.Status.UNDETERMINED if stopped else record.Status.COMPLETE,
+        left_over=left_over(d),
+        detectable=tuple(record.Detectable(x.mechanism, x.parameter, x.value, x.unit) for x in d.detectable),
+        indistinguishable=n.twins if n else (),
+        closest=closest(d, speaker),
+        unexplained=d.left,
+        extended_model=speaker.model(d.best),
+        gain=gain(d.gain, speaker) if extended and d.gain else None,
+        selection=tuple(record.Selection(*x) for x in d.gain.selection) if d.gain else (),
+        extrapolation={k: gain(g, speaker) for k, g in (d.extrapolation or {}).items()} if extended else {},
+        next_experiment=None,
+        priors=priors(d),
+        noise=speaker.noise(d),
+        common=(),
+        energy=(),
+        confirmation=(),
+        sentence="",
+        confirmed=None,
+    )
+    data = speaker.completed(with_law(data, d.law) if d.law else data, d)
+    off = rms(np.array([h.simulated_m - h.measured_m for h in data.heights]))
+    data = replace(data, baseline=replace(data.baseline, rmse_height_m=off))
+    words = speaker.words(data)
+    return replace(data, sentence=sentence(data, words, stopped), confirmed=contradictions(data, words.apart))
+
+
+def gain(g: Gain, speaker: Speaker) -> record.Gain:
+    """The gain on motions held out."""
+    tops = (g.height_before, g.height_after) if speaker.heights else (math.nan, math.nan)
+    return record.Gain(g.held_out, *tops, g.track_before, g.track_after, g.ratio, g.ratio_ci95, g.claimed)
+
+
+def rmse(speaker: Speaker, fit: Fit) -> float:
+    """Root mean square of measured minus predicted over all motions [unit of y]."""
+    every = speaker.system.observations
+    predicted = speaker.system.predict(fit.mechanisms, fit.named, range(len(every)))
+    return rms(np.concatenate([o.y - y for o, y in zip(every, predicted)]))
+
+
+def causes(d: Findings, speaker: Speaker) -> tuple[record.Cause, ...]:
+    """Mechanisms by probability, each with the parameters of the likeliest model that has it."""
+    if (n := d.naming) is None:
+        return ()
+    out = []
+    for mechanism in likely(n)[:CAUSES]:
+        e = next(e for e in n.tried if mechanism in e.mechanisms)
+        others = tuple(m for m in e.mechanisms if m != mechanism)
+        chances, found = n.chances(mechanism), speaker.parameters(e.fit, mechanism)
+        spread = (min(chances), max(chances))
+        out.append(record.Cause(mechanism, others, n.probability(mechanism), spread, e.delta_score, found))
+    return tuple(out)
+
+
+def closest(d: Findings, speaker: Speaker) -> record.Closest | None:
+    """The likeliest model where none passes the test; None where one does, or that is the baseline."""
+    if d.naming is None or d.naming.named or not (e := d.naming.best).mechanisms:
+        return None
+    found = {name: value for m in e.mechanisms for name, value in speaker.parameters(e.fit, m).items()}
+    worth = gain(d.gain, speaker) if d.gain else None
+    return record.Closest(e.mechanisms, e.probability, found, rmse(speaker, e.fit), worth)
+
+
+def with_law(data: Diagnosis, law: Law) -> Diagnosis:
+    """The record with a law of no list in the place of what the vocabulary says."""
+    return replace(
+        data,
+        named=law.fit.mechanisms[:-1],
+        status=law.status,
+        left_over=record.LeftOver(law.found.detection.chi2_per_dof, 1.0 - law.found.r2, 1.0),
+        indistinguishable=(),
+        closest=None,
+        discovered=law.described,
+    )
+
+
+def left_over(d: Findings) -> record.LeftOver | None:
+    """What the model that is told leaves; None where the baseline is adequate."""
+    n = d.naming
+    if n is None:
+        return None
+    if not n.named:
+        return record.LeftOver(d.detection.chi2_per_dof, 1.0, 1.0)
+    test = n.best.detection
+    return record.LeftOver(test.chi2_per_dof if test else math.nan, n.left, n.widened)
+
+
+def priors(d: Findings) -> record.Priors | None:
+    """What was taken of causes and parameters before the data; None where no cause was sought."""
+    if d.naming is None:
+        return None
+    found = {p.name: p for e in d.naming.tried for p in e.fit.parameters}
+    return record.Priors(
+        tuple([1.0 / (MOST + 1)] * (MOST + 1)),
+        {p.name: record.Prior(p.low, p.high, p.start, p.sigma, p.unit or "1") for p in found.values()},
+    )
+
+
+def interval(fit: Fit, p: Parameter) -> record.Parameter:
+    """A fitted parameter, the ends of its 90 % interval within its range."""
+    value, half = fit.named[p.name], Z90 * fit.sigma(p.name)
+    return record.Parameter(value, max(value - half, p.low), min(value + half, p.high), p.unit or "1")
+
+
+def agreement(d: Findings) -> list[str]:
+    """Warnings where the best model agrees with the data too well, or not as well as the noise says."""
+    best = d.naming.best if d.naming and d.naming.named else None
+    test = best.detection if best else d.detection
+    if test is None:
+        return []
+    if test.chi2_per_dof < LOOSE:
+        return [
+            f"chi^2 per degree of freedom of the best model is {test.chi2_per_dof:.2g}: the noise is taken too large, "
+            "and effects may hide in it; look at where it was learned (`sources`), or state a smaller one"
+        ]
+    if best and test.discrepant:
+        return [
+            f"chi^2 per degree of freedom of the best model is {test.chi2_per_dof:.3g} (p = {test.p_value:.2g}): more "
+            "is left than the noise explains"
+        ]
+    return []
+
+
+def rms(x: Array) -> float:
+    """Root mean square of what is finite; NaN where nothing is."""
+    x = np.asarray(x, float)
+    x = x[np.isfinite(x)]
+    return float(np.sqrt(np.mean(x * x))) if x.size else math.nan

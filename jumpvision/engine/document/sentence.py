@@ -1,0 +1,136 @@
+"""The verdict of a diagnosis in plain words, one grammar for every system; a system brings its own words (`Words`)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from jumpvision.engine.worth.gain import FEW_GROUPS
+
+from . import values as record
+from .diagnosis import Diagnosis
+
+WIDER = 1.05  # factor on intervals from which it is said
+
+
+@dataclass(frozen=True)
+class Words:
+    """How a system speaks of itself.
+
+    misses: what the simulation gets wrong, as the beginning of the sentence. recordings, vocabulary, error: what is
+    measured, where mechanisms stand, what falls on conditions held out. size: an error with its unit. lacks: what is
+    lacking, by mechanism; called: the same beside others, where it is shorter. acts_on: what a law of no list is.
+    apart: by what a quantity is measured beside the motions, and by what motions.
+    """
+
+    misses: str
+    size: Callable[[float], str]
+    recordings: str = "recordings"
+    vocabulary: str = "study"
+    error: str = "error on recordings held out"
+    lacks: Mapping[str, str] = field(default_factory=dict)
+    called: Mapping[str, str] = field(default_factory=dict)
+    acts_on: Mapping[str, str] = field(default_factory=dict)
+    apart: tuple[str, str] = ("Measurements", "recordings")
+
+
+def sentence(d: Diagnosis, words: Words, stopped: str = "") -> str:
+    """The verdict in plain words. stopped: what kept it from being whole."""
+    if d.adequate:
+        return f"The simulation agrees with the {words.recordings} within their noise (p = {d.p_value:.2g})."
+    if stopped and not d.causes:
+        return f"{words.misses}; which mechanism it lacks is not known yet: {stopped}."
+    said = _named(d, words) if d.named else _unnamed(d, words)
+    left = "the rest was not asked" if d.gain else "not tried on conditions held out"
+    return words.misses + said + (f"; {left}: {stopped}." if stopped else ".")
+
+
+def _unnamed(d: Diagnosis, words: Words) -> str:
+    if not (d.discovered or d.closest or d.unexplained):
+        return f", by so little (p = {d.p_value:.2g}) that no cause is likelier than chance"
+    text = f", and no mechanism of the {words.vocabulary} explains all that it gets wrong"
+    if d.discovered:
+        return text + law_in_words(d.discovered, words, "does")
+    if near := d.closest:
+        falls = near.gain and math.isfinite(near.gain.ratio)
+        text += f"; the closest, {_listed(near.mechanisms, words.called)}, "
+        text += f"brings the {words.error} down {near.gain.ratio:.1f}x" if near.gain and falls else "helps"
+        left = (
+            f" and leaves {words.size(near.rmse_track_m)}" if math.isfinite(near.rmse_track_m) else " and leaves more"
+        )
+        text += f"{left}, beyond the noise"
+    return text + _generic(d, "would")
+
+
+def _named(d: Diagnosis, words: Words) -> str:
+    partial = d.status == record.Status.PARTIAL
+    text = f"{' in part' if partial else ''} because it lacks {_listed(d.named, words.lacks)}"
+    if d.discovered:
+        text += law_in_words(d.discovered, words, "explains the rest")
+    if partial and d.left_over and math.isfinite(d.left_over.share):
+        text += (
+            f", and {100 * d.left_over.share:.2g} % of the discrepancy (in chi^2) stays beyond the noise, unexplained"
+        )
+        if (wider := d.left_over.widened) > WIDER:
+            text += f" (intervals are {wider:.2g} times wider for it)"
+        text += _generic(d, "describes it")
+    if d.indistinguishable:
+        twins = "; ".join(" or ".join(_listed([m], words.called) for m in t) for t in d.indistinguishable)
+        text += f" (the data cannot tell apart: {twins})"
+    if d.gain and math.isfinite(d.gain.ratio):
+        it = "it" if len(d.named) == 1 else "them"
+        text += f"; with {it} the {words.error} falls {d.gain.ratio:.3g}x"
+        text += "" if math.isfinite(d.gain.ratio_ci95[1]) else f" ({FEW_GROUPS} groups are needed for its interval)"
+    return text
+
+
+def law_in_words(law: record.Discovered, words: Words, does: str) -> str:
+    """What was discovered, as the end of the verdict. does: what it does that the vocabulary does not."""
+    free = ", ".join(
+        f"{n} = {plus_minus(p.value, p.sigma)}{f' {p.unit}' if p.unit != '1' else ''}"
+        for n, p in law.parameters.items()
+        if p.sigma > 0.0
+    )
+    fixed = ", ".join(f"{n} = {p.value:g} {p.unit}" for n, p in law.parameters.items() if p.sigma == 0.0)
+    what = words.acts_on.get(law.acts_on, "a law")
+    text = f"; {what} {does}: {law.law} with {free}{f' ({fixed})' if fixed else ''}"
+    text += f", {100 * law.r2:.3g} % of it"
+    if law.ceiling_r2 is not None:
+        text += f" (any smooth force of the same position and rate: {100 * law.ceiling_r2:.3g} %)"
+    if law.passive is not False:
+        return text
+    text += ", and it is active: it gives energy to what moves"
+    return text + (", as a motor does or a resistance weaker than the model's" if law.part_passive else "")
+
+
+def _generic(d: Diagnosis, does: str) -> str:
+    """What generic forces describe, in words; "" where it is nothing."""
+    left = d.unexplained
+    if not (left and left.terms):
+        return ""
+    return f"; a force like {' + '.join(left.terms)} {does} ({left.where})"
+
+
+def contradictions(d: Diagnosis, apart: tuple[str, str]) -> str | None:
+    """Where other measurements contradict the motions, in plain words; None where none does. apart: as in Words."""
+    beside, motions = apart
+    bad = "; ".join(
+        f"{r.quantity} is {plus_minus(r.by_film, r.by_film_sigma)} by {r.source}, "
+        f"{plus_minus(r.by_jumps, r.by_jumps_sigma)} by the {motions} alone ({abs(r.z):.1f} sigma apart)"
+        for r in d.confirmation
+        if r.contradicts
+    )
+    return f"{beside} and {motions} contradict each other: {bad}." if bad else None
+
+
+def plus_minus(value: float, sigma: float) -> str:
+    """With as many digits as sigma has worth; a value alone where its sigma is not known."""
+    if not math.isfinite(sigma):
+        return f"{value:.3g}"
+    digits = max(0, -math.floor(math.log10(sigma))) if sigma > 0 else 1
+    return f"{value:.{digits}f} ± {sigma:.{digits}f}"
+
+
+def _listed(mechanisms: Sequence[str], lacks: Mapping[str, str]) -> str:
+    return " and ".join(lacks.get(m) or m.replace("_", " ") for m in mechanisms)

@@ -1,0 +1,399 @@
+"""What a diagnosis is made of: models, causes, gain, noise, confirmations; the values in diagnosis.json.
+
+Fields have the names of the file's keys, in their order. A number that is not known is NaN here and null there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from jumpvision.base.arrays import Z90, Array
+
+
+class Verdict(StrEnum):
+    """Whether a simulation agrees with what was measured, within its noise."""
+
+    ADEQUATE = "adequate"
+    DISCREPANT = "discrepant"
+
+
+class Status(StrEnum):
+    """How much of what a model gets wrong the named mechanisms explain: all of it (they pass the test that the baseline
+    failed), a part of it, or nothing is established."""
+
+    COMPLETE = "complete"
+    PARTIAL = "partial"
+    UNDETERMINED = "undetermined"
+
+
+class Agreement(StrEnum):
+    """Whether a quantity is the same by the motions and by another measurement."""
+
+    AGREE = "agree"
+    CONTRADICT = "contradict"
+
+
+OPTIONAL = {"optional": True}  # a key that the file has only where there is something to say
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of a mechanism; low, high: its 90 % interval, within its range. unit: "1" where it has none."""
+
+    value: float
+    low: float
+    high: float
+    unit: str
+
+    @property
+    def sigma(self) -> float:
+        """Standard uncertainty, from the wider half of the interval: the range may cut the other."""
+        return float(max(self.value - self.low, self.high - self.value)) / Z90
+
+    def __str__(self) -> str:
+        unit = "" if self.unit == "1" else self.unit
+        return f"{self.value:.4g} ({self.low:.4g} to {self.high:.4g}) {unit}".rstrip()
+
+
+@dataclass(frozen=True)
+class Model:
+    """Terms of a model and every parameter that they need, with what of the robot was re-fitted."""
+
+    terms: tuple[str, ...]
+    parameters: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Baseline(Model):
+    """The model in question, re-fitted: root mean square of simulated minus measured heights and tracks [m]."""
+
+    rmse_height_m: float
+    rmse_track_m: float
+    chi2_per_dof: float
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Residuals of one kind of jump in one part of it: measured minus simulated [m], z of a shift of the whole cell,
+    and the probability of as large a z in any cell by noise alone."""
+
+    kind: str
+    phase_of_jump: str
+    mean_residual_m: float
+    z_score: float
+    p_value: float
+    samples: int
+
+
+@dataclass(frozen=True)
+class Height:
+    """Height of one jump [m], after the motor's stop: measured, by the baseline, by the extended model."""
+
+    experiment: str
+    kind: str
+    frequency: float | None
+    delay: float | None
+    volume_fraction: float | None
+    measured_m: float
+    simulated_m: float
+    extended_m: float
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A mechanism that may be missing, in the likeliest model that has it. others: the mechanisms beside it there.
+
+    probability: under the stated priors; probability_range: least and greatest with the ranges of all strengths 3 times
+    narrower or wider.
+    delta_score: log-likelihood of held-out conditions, over that of the baseline.
+    """
+
+    mechanism: str
+    others: tuple[str, ...] = field(metadata={"key": "with"})
+    probability: float
+    probability_range: tuple[float, ...]
+    delta_score: float
+    parameters: Mapping[str, Parameter]
+
+    @property
+    def mechanisms(self) -> tuple[str, ...]:
+        """All that the model has beside the baseline's terms."""
+        return (self.mechanism, *self.others)
+
+    @property
+    def words(self) -> str:
+        """The parameters, each with its 90 % interval."""
+        return ", ".join(f"{name} = {p}" for name, p in self.parameters.items())
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Root mean square errors [m] of jumps that were held out, before and after the extension; their ratio."""
+
+    holdout: tuple[str, ...]
+    rmse_height_before_m: float
+    rmse_height_after_m: float
+    rmse_track_before_m: float
+    rmse_track_after_m: float
+    ratio: float
+    ratio_ci95: tuple[float, float]
+    claimed: bool
+
+
+@dataclass(frozen=True)
+class LeftOver:
+    """What the extended model (the baseline, where nothing is named) leaves: chi^2 per degree of freedom, share of what
+    the baseline gets wrong (its excess of chi^2); widened: factor on the intervals for it."""
+
+    chi2_per_dof: float
+    share: float
+    widened: float
+
+
+@dataclass(frozen=True)
+class Detectable:
+    """The strength of a mechanism that would have shown with 90 % power; NaN where none within its range would."""
+
+    mechanism: str
+    parameter: str
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Selection:
+    """A set of mechanisms, and in how many folds of the gain it was chosen."""
+
+    mechanisms: tuple[str, ...]
+    times: int
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What was taken of a parameter before the data: uniform from low to high, normal of sigma about mean within."""
+
+    low: float
+    high: float
+    mean: float
+    sigma: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Priors:
+    """causes: probability of each number of causes from 0 on, every set of one number alike; parameters by name."""
+
+    causes: tuple[float, ...]
+    parameters: Mapping[str, Prior]
+
+
+@dataclass(frozen=True)
+class Closest:
+    """The likeliest model where none passes the test."""
+
+    mechanisms: tuple[str, ...]
+    probability: float
+    parameters: Mapping[str, Parameter]
+    rmse_track_m: float
+    gain: Gain | None
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """Strength of a generic force."""
+
+    value: float
+    sigma: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """Generic forces that describe what no mechanism explains; as it stands here, that none does."""
+
+    terms: tuple[str, ...] = ()
+    coefficients: Mapping[str, Coefficient] | None = field(default=None, metadata=OPTIONAL)
+    r2: float = 0.0
+    where: str = "no generic force describes it"
+    beside: tuple[str, ...] | None = field(default=None, metadata=OPTIONAL)
+    stability: Mapping[str, float] | None = field(default=None, metadata=OPTIONAL)
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """A value with its standard uncertainty, 0 for a constant."""
+
+    value: float
+    sigma: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Discovered:
+    """A law that no vocabulary lists, in one line as [mechanism.NAME] has it (docs/diagnosis.md).
+
+    acts_on: as there. state: the rate of its internal state u, None without one. seen: range of its arguments that the
+    jumps covered. r2: share of what the baseline gets wrong that it explains; ceiling_r2: what any smooth force of the
+    same position and rate would explain, None where it is no force of both. passive: whether it gives no energy over
+    any closed motion within the range seen, None for an instrument; part_passive: whether the ground, rail or spring
+    that it belongs to still gives none with it. beside: mechanisms that it stands beside.
+    stability: how often each form of law wins when trials are drawn again. rivals: forms that predict as well.
+    """
+
+    law: str
+    acts_on: str
+    parameters: Mapping[str, Estimated]
+    seen: Mapping[str, tuple[float, ...]]
+    r2: float
+    passive: bool | None
+    ceiling_r2: float | None
+    beside: tuple[str, ...]
+    stability: Mapping[str, float]
+    rivals: tuple[str, ...]
+    state: str | None = field(default=None, metadata=OPTIONAL)
+    part_passive: bool | None = field(default=None, metadata=OPTIONAL)
+
+
+@dataclass(frozen=True)
+class NextExperiment:
+    """The experiment that best tells two explanations apart: a jump, or the inputs of a user's own simulator."""
+
+    kind: str
+    frequency: float | None
+    delay: float | None
+    separates: tuple[str, ...]
+    expected_log10_odds: float
+    inputs: Mapping[str, float] | None = field(default=None, metadata=OPTIONAL)
+
+    @property
+    def words(self) -> str:
+        """What is to be done."""
+        if self.inputs:
+            return ", ".join(f"{n} = {x:.4g}" for n, x in self.inputs.items())
+        at = f" at {self.frequency} Hz" if self.frequency is not None else ""
+        return self.kind + at + (f", delay {self.delay} s" if self.delay else "")
+
+
+@dataclass(frozen=True)
+class NoiseSource:
+    """What one kind of evidence says of the noise; log_sigma: standard uncertainty of its logarithm."""
+
+    sigma_m: float
+    log_sigma: float
+    n: int
+
+
+@dataclass(frozen=True)
+class Tails:
+    """Degrees of freedom of the Student's t that errors follow."""
+
+    student_degrees: float
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """A single reading that stands off by so many robust sigmas."""
+
+    experiment: str
+    time_s: float
+    sigmas: float
+
+
+@dataclass(frozen=True)
+class Noise:
+    """The noise of a frame and where it was learned. tracks: factor of those that differ; tails: None where normal."""
+
+    sigma_m: float
+    correlation: float
+    tails: Tails | None
+    drift_m: float
+    samples: int
+    sources: Mapping[str, NoiseSource | None]
+    scatter: Mapping[str, float]
+    tracks: Mapping[str, float]
+    outliers: tuple[Outlier, ...]
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class CommonError:
+    """What an apparatus has wrong in all its recordings: as stated before, and as the jumps have it."""
+
+    quantity: str
+    declared: float
+    stated_sigma: float
+    value: float
+    sigma: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Energies:
+    """Energies [J] of a jump from rest to its apex by one model: the motor's work and where it went."""
+
+    experiment: str
+    kind: str
+    model: str
+    to_s: float
+    motor_J: float
+    potential_J: float
+    kinetic_J: float
+    spring_J: float
+    losses_J: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Confirmation:
+    """A quantity by the jumps alone and by a film or test; z: their difference over the sigma of both.
+
+    experiment, depth_m: of an added mass, the film and the depth of the foot.
+    """
+
+    quantity: str
+    unit: str
+    source: str
+    by_jumps: float
+    by_jumps_sigma: float
+    by_film: float
+    by_film_sigma: float
+    z: float
+    verdict: Agreement
+    experiment: str | None = field(default=None, metadata=OPTIONAL)
+    depth_m: float | None = field(default=None, metadata=OPTIONAL)
+
+    @property
+    def contradicts(self) -> bool:
+        return self.verdict == Agreement.CONTRADICT
+
+
+@dataclass(frozen=True)
+class WithoutFilms:
+    """What the jumps alone say where films or tests contradict them."""
+
+    parameters: Mapping[str, float]
+    chi2: float
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Runs of a user's simulator: made, taken from those kept; seconds that they took; those that gave nothing."""
+
+    made: int
+    kept: int
+    seconds: float
+    failures: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One channel of one recording: measured, simulated and extended values (n,) [unit] at t (n,) [s]."""
+
+    recording: str
+    channel: str
+    unit: str
+    t: Array
+    measured: Array
+    simulated: Array
+    extended: Array

@@ -1,0 +1,224 @@
+"""The whole questioning, in order: look (baseline, test, where), explain (which cause), foretell (what it is worth).
+
+Every system is asked in this order, jumps and studies alike; what only some can be asked (laws of no list, generic
+forces, experiments not yet made) they hand over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jumpvision.engine.document.values import Status, Unexplained
+from jumpvision.engine.noise.noise import Noise
+from jumpvision.engine.priors import Measured
+
+from .detect import Cell, Detectable, Detection, detect, detectable, directions, locate
+from .discovery import Law, Laws
+from .fitting import Fit, Problem
+from .naming import Naming, name
+from .system import Costly, Parameter, System
+from .worth.gain import Choose, Gain, extrapolation, gain
+
+if TYPE_CHECKING:  # imported where they are asked for: most questions end before
+    from .unexplained import Shapes
+    from .worth.design import Proposal
+
+STARTS = 6  # of the baseline's fit where runs cost; else four times as many, over the ranges of its parameters
+NEIGHBOURS = ("kind", "volume_fraction", "delay", "frequency")  # labels that order conditions
+SEED, LAW_SEED = 1, 2  # of the look at generic forces, and of the folds by which a law's gain is judged
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What is wrong with a model, or that nothing is. naming, gain, next_experiment: None for an adequate model.
+
+    law: of no list, that explains what the vocabulary does not; left: generic forces that describe it where there is
+    none, None where nothing asks for them. detectable: of every mechanism that is not named, the strength that would
+    have shown.
+    """
+
+    noise: Noise
+    baseline: Fit
+    detection: Detection
+    where: list[Cell]
+    naming: Naming | None = None
+    law: Law | None = None
+    left: Unexplained | None = None
+    gain: Gain | None = None
+    extrapolation: dict[str, Gain] | None = None
+    next_experiment: Proposal | None = None
+    detectable: tuple[Detectable, ...] = ()
+
+    @property
+    def adequate(self) -> bool:
+        return not self.detection.discrepant
+
+    @property
+    def named_fit(self) -> Fit:
+        """The fit of the named mechanisms, else the baseline."""
+        return self.naming.best.fit if self.naming and self.naming.named else self.baseline
+
+    @property
+    def best(self) -> Fit:
+        """The fit that the findings stand by: with the law where one was found, else of the named mechanisms."""
+        return self.law.fit if self.law else self.named_fit
+
+
+Offer = Callable[[], tuple[Problem, Sequence[int]]]  # motions that could be made: a system that has them, their places
+
+
+def silent(_: object) -> None:
+    """Says nothing."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """The steps of a questioning. What is handed over besides the problem:
+
+    by: labels of the observations to report by; None: where the misfit lies is not asked. stops: time after which each
+    observation's apex counts [s]. laws: searches for a law of no list. shapes: generic forces. offered: experiments
+    that could be made. choose: in place of the search over mechanisms where a gain is judged. say: is told what is
+    being done. reached: is given what is found so far, for whoever may have to stop.
+    """
+
+    problem: Problem
+    rng: np.random.Generator
+    by: Sequence[str] | None = ()
+    stops: Sequence[float] | None = None
+    laws: Laws | None = None
+    shapes: Callable[[], Shapes] | None = None
+    offered: Offer | None = None
+    choose: Choose | None = None
+    say: Say = silent
+    reached: Callable[[Findings], None] = silent
+
+    def all(self) -> Findings:
+        """Every step. Raises ValueError when the baseline cannot be followed on the data."""
+        return self.foretell(self.explain(self.look()))
+
+    def look(self) -> Findings:
+        """Whether a model is wrong, and where. Raises ValueError when the baseline cannot be followed on the data."""
+        self.say("fitting the baseline")
+        base = fit_baseline(self.problem, self.rng)
+        self.say("testing it")
+        found = detect(self.problem, base, directions(self.problem, base), self.rng)
+        where = [] if self.by is None else locate(self.problem, base, tuple(self.by), self.rng)
+        return Findings(self.problem.noise, base, found, where)
+
+    def name(self, d: Findings) -> Findings:
+        """What was looked at, with the mechanisms that explain it best, whatever the verdict."""
+        enough = self.laws.alone if self.laws else None
+        return replace(d, naming=name(self.problem, d.baseline, d.detection, self.rng, enough))
+
+    def explain(self, d: Findings) -> Findings:
+        """What was looked at, with what explains it where the model is wrong."""
+        if d.adequate:
+            return d
+        self.reached(d)
+        tried = len(self.problem.system.candidates)
+        self.say(f"discrepant (p = {d.detection.p_value:.2g}): trying {tried} mechanisms")
+        d = self.name(d)
+        self.reached(d)
+        return self.beyond(d)
+
+    def beyond(self, d: Findings) -> Findings:
+        """What is named, with what describes the rest: a law of no list, else generic forces; nothing where nothing is
+        left, or where no cause is likelier than chance."""
+        n = d.naming
+        if n is None or n.status == Status.COMPLETE or n.by_chance:
+            return d
+        law = self.laws.law(d.baseline, n) if self.laws else None
+        return replace(d, law=law) if law else replace(d, left=self._generic(d.baseline, n))
+
+    def _generic(self, base: Fit, n: Naming) -> Unexplained | None:
+        if self.shapes is None:
+            return None if n.named else Unexplained()
+        self.say("no mechanism explains all of it: describing what is left by generic forces")
+        rng = np.random.default_rng(SEED)
+        from .unexplained import unexplained
+
+        return unexplained(self.problem, [base, n.best.fit], self.shapes(), rng) or Unexplained()
+
+    def foretell(self, d: Findings) -> Findings:
+        """What is explained, with its gain on conditions held out, the next experiment, what might yet be hidden."""
+        problem, found, naming = self.problem, d.detection, d.naming
+        if naming is None:
+            return replace(d, detectable=tuple(detectable(problem, d.baseline, found, self.rng)))
+        self.say("predicting held-out conditions")
+        best, worth = naming.best.fit, self._gain(d)
+        beyond = extrapolation(problem, d.baseline, best, self.by[0], self._times) if self.by else {}
+        from .worth.design import propose
+
+        proposal = propose(*self.offered(), naming.tried) if self.offered else None
+        seen = naming.best.detection if naming.named else found
+        hidden = detectable(problem, best if naming.named else d.baseline, seen or found, self.rng)
+        return replace(d, gain=worth, extrapolation=beyond, next_experiment=proposal, detectable=tuple(hidden))
+
+    @property
+    def _times(self) -> Sequence[float]:
+        if self.stops is not None:
+            return self.stops
+        return [float(o.t[0]) for o in self.problem.system.observations]
+
+    def _gain(self, d: Findings) -> Gain | None:
+        """Of the law with its form as it was found; else by the vocabulary, searched anew in every fold."""
+        if d.law is None:
+            found = gain(self.problem, fit_baseline, self._times, self.rng, NEIGHBOURS, self.choose)
+        else:
+            whole, rng = self.problem.asked_of(d.law.system), np.random.default_rng(LAW_SEED)
+            found = gain(whole, fit_baseline, self._times, rng, NEIGHBOURS, d.law.fitted_anew)
+        self.reached(replace(d, gain=found))
+        return found
+
+
+def diagnose(
+    system: System,
+    noise: Noise,
+    rng: np.random.Generator,
+    *,
+    scatter: Mapping[str, float] | None = None,
+    measured: Sequence[Measured] = (),
+    by: Sequence[str] = (),
+    stops: Sequence[float] | None = None,
+    offered: Offer | None = None,
+    say: Say = silent,
+) -> Findings:
+    """Questions a system in the order above.
+
+    scatter: standard deviations of what differs from trial to trial (System.scatter). measured: of parameters, by other
+    means.
+    """
+    problem = Problem(system, noise, scatter, measured)
+    return Order(problem, rng, by=by, stops=stops, offered=offered, say=say).all()
+
+
+def fit_baseline(problem: Problem, rng: np.random.Generator) -> Fit:
+    """The baseline from its own values and, where it has ranges, from the better ones of a few drawn in them."""
+    free = problem.system.baseline
+    starts = [{p.name: p.start for p in free}]
+    costly = isinstance(problem.system, Costly)
+    if free:
+        draws = min(2 * len(free), STARTS) if costly else 4 * STARTS
+        starts += [{p.name: draw(p, rng) for p in free} for _ in range(draws)]
+    cost = [problem.cost((), s, problem.scouts(problem.all) if costly else None) for s in starts]
+    chosen = [0, *(i for i in np.argsort(cost) if i != 0 and cost[i] < cost[0])][: 2 if costly else 3]
+    fits = [f for f in (problem.fit((), starts[i]) for i in chosen) if f is not None]
+    if not fits:
+        raise ValueError(
+            "the baseline model cannot be simulated with its own parameters for these jumps; "
+            "check [model] and [model.fit]"
+        )
+    return min(fits, key=lambda f: f.chi2)
+
+
+def draw(p: Parameter, rng: np.random.Generator) -> float:
+    """A value from a parameter's prior."""
+    if np.isfinite(p.sigma):
+        return float(np.clip(rng.normal(p.start, p.sigma), p.low, p.high))
+    return float(rng.uniform(p.low, p.high))

@@ -1,0 +1,53 @@
+"""A law that no list of a study has, from the search to how it is told."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from jumpvision.engine.discovery import Discovery, Law
+from jumpvision.engine.document import values as record
+from jumpvision.engine.fitting import Fit, Problem
+
+from .forms import Form
+from .study import Mechanism
+from .system import Studied
+
+
+class StudyForms:
+    """The forms that a study's symbols allow (`engine.discovery`)."""
+
+    def __init__(self, system: Studied) -> None:
+        self.system, self.library = system, {m.name: (form, m) for form, m in system.study.forms}
+        self.whole, self.forms = with_laws(system, *(m for _, m in self.library.values())), list(self.library)
+
+    def law(self, found: Discovery, problem: Problem) -> Law:
+        """What was found, beside the study's own mechanisms."""
+        form, mechanism = self.library[found.form]
+        described = record.Discovered(
+            law=form.law(),
+            acts_on="",
+            parameters=estimates(form, mechanism, found.fit),
+            seen={},
+            r2=found.r2,
+            passive=None,
+            ceiling_r2=None,
+            beside=found.fit.mechanisms[:-1],
+            stability=dict(found.stability),
+            rivals=tuple(self.library[name][0].law() for name in found.rivals),
+        )
+        return Law(found, with_laws(self.system, mechanism), found.fit, described)
+
+
+def with_laws(system: Studied, *laws: Mechanism) -> Studied:
+    """The same recordings and runs, with laws beside the study's mechanisms."""
+    wider = dataclasses.replace(system.study, mechanisms=(*system.study.mechanisms, *laws))
+    return Studied(wider, system.recordings, system.readings, system.runs)
+
+
+def estimates(form: Form, mechanism: Mechanism, fit: Fit) -> dict[str, record.Estimated]:
+    """The law's parameters by their short names."""
+    names = ("r", *(s.name for s in form.shapes))
+    return {
+        short: record.Estimated(fit.named[p.name], fit.sigma(p.name), p.unit or "1")
+        for short, p in zip(names, mechanism.parameters)
+    }

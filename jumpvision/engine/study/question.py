@@ -1,0 +1,119 @@
+"""A user's own simulator questioned: from recordings and a study to the same Diagnosis as a campaign of jumps gives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from jumpvision.base.schema import InputError
+from jumpvision.engine.discovery import Laws
+from jumpvision.engine.document.diagnosis import Diagnosis
+from jumpvision.engine.document.document import document
+from jumpvision.engine.document.measured import motions_alone
+from jumpvision.engine.fitting import Fit, Problem
+from jumpvision.engine.order import Findings, Order, fit_baseline, silent
+
+from .learn import learn_readings
+from .processes import How, described
+from .runs import BudgetUsed, Runs
+from .study import Recording, Study
+from .system import Studied
+from .words import StudySpeaker, traces
+
+SEED = 1  # of the simulated noise: the same data give the same answer
+
+
+def diagnose(recordings: Sequence[Recording], study: Study | None, how: How | None = None) -> Diagnosis:
+    """What the simulator gets wrong on these recordings. Raises InputError for what cannot be questioned.
+
+    study: None where how.source names one that only another process may import.
+    """
+    how = how or How()
+    if problems := recordings_problems(recordings):
+        raise InputError(problems)
+    study = described(how.source, recordings) if study is None else study
+    runs = Runs(study, [*recordings, *_unmade(study, recordings)], how)
+    try:
+        system = studied(study, recordings, runs)
+        found, stopped = _asked(system, how)
+        alone = _alone(found, system)
+        stated = found.law.system if found.law else system
+        assert isinstance(stated, Studied)
+        data = document(found, StudySpeaker(stated, alone), stopped)
+        object.__setattr__(data, "traces", traces(found, stated))
+        return data
+    finally:
+        runs.close()
+
+
+def studied(study: Study, recordings: Sequence[Recording], runs: Runs) -> Studied:
+    """The system in question, with the noise of its channels. Raises InputError where the simulator fails as it is."""
+    readings = learn_readings(study, recordings)
+    system = Studied(study, recordings, readings, runs)
+    system.predict((), {p.name: p.start for p in system.baseline}, range(len(recordings)))
+    if runs.count.failures:  # what the user himself gave must work, whatever may be avoided later
+        raise runs.count.failures[0]
+    if not any(c.process for c in study.channels):
+        return system
+    from .walk import with_walks
+
+    base = fit_baseline(problem_of(system), np.random.default_rng(SEED))
+    return Studied(study, recordings, with_walks(system, base), runs)
+
+
+def _alone(found: Findings, system: Studied) -> Fit | None:
+    """The model that is told, without what else was measured; None where that was not asked for, or no run is left."""
+    if not system.study.measured:
+        return None
+    try:
+        return motions_alone(found.named_fit, problem_of(system))
+    except BudgetUsed:
+        return None
+
+
+def problem_of(system: Studied) -> Problem:
+    """A study with the noise of its channels and what else was measured."""
+    return Problem(system, system.readings.noise, system.scatter_sigma, system.study.measured)
+
+
+def _asked(system: Studied, how: How) -> tuple[Findings, str]:
+    """(what is found, why it is not all there could be; "" where it is)."""
+    reached: list[Findings] = []
+    problem, rng, say = problem_of(system), np.random.default_rng(SEED), how.progress or silent
+    order = Order(problem, rng, by=("kind",), say=say, reached=reached.append)
+    if system.study.forms:
+        from .discovered import StudyForms
+
+        order = replace(order, laws=Laws(problem, StudyForms(system), say))
+    if system.study.inputs:
+        from .offers import offer
+
+        order = replace(order, offered=partial(offer, system, problem))
+    try:
+        return order.all(), ""
+    except BudgetUsed as e:
+        if not reached:
+            raise
+        return reached[-1], e.problems[0]
+
+
+def _unmade(study: Study, recordings: Sequence[Recording]) -> list[Recording]:
+    """Recordings that could be made next."""
+    if not study.inputs:
+        return []
+    from .offers import unmade
+
+    return unmade(study, recordings)
+
+
+def recordings_problems(recordings: Sequence[Recording]) -> list[str]:
+    """What is wrong with a set of recordings."""
+    if not recordings:
+        return ["no recordings: give a list of Recording"]
+    if wrong := [r for r in recordings if not isinstance(r, Recording)]:
+        return [f"recordings: {type(wrong[0]).__name__} is no Recording(name, t, values)"]
+    names = [r.name for r in recordings]
+    return [f"two recordings are called {n!r}" for n in dict.fromkeys(names) if names.count(n) > 1]

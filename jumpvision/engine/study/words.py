@@ -1,0 +1,124 @@
+"""How a study and its models are told: its parameters, channels and runs, and the words of the verdict."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from jumpvision.engine.document import values as record
+from jumpvision.engine.document.diagnosis import Diagnosis
+from jumpvision.engine.document.document import agreement, interval
+from jumpvision.engine.document.sentence import Words
+from jumpvision.engine.fitting import Fit
+from jumpvision.engine.order import Findings
+
+from .system import DUMMY, Studied
+
+SEVERAL = "noise"  # the unit of several channels: each in its own
+
+
+@dataclass(frozen=True)
+class StudySpeaker:
+    """A study as the document has it; keys that end in _m are in `unit`. alone: the model that is told, fitted without
+    what was measured beside the recordings; None where nothing was."""
+
+    system: Studied
+    alone: Fit | None = None
+    heights: ClassVar[bool] = False
+
+    def model(self, fit: Fit) -> record.Model:
+        values = {n: v for n, v in fit.named.items() if not n.startswith(DUMMY)}
+        return record.Model((model_name(self.system), *fit.mechanisms), values)
+
+    def parameters(self, fit: Fit, mechanism: str) -> dict[str, record.Parameter]:
+        return intervals(fit, [p.name for p in self.system.candidates[mechanism].parameters])
+
+    def noise(self, d: Findings) -> record.Noise:
+        return noise_of(d, self.system)
+
+    def completed(self, data: Diagnosis, d: Findings) -> Diagnosis:
+        """The record with unit, fitted parameters, words and runs, what else was measured, the next experiment."""
+        from jumpvision.engine.document.measured import confirmations
+
+        count, channels = self.system.runs.count, self.system.study.channels
+        alone = self.alone
+        units = {p.name: (p.start, p.unit or "1") for p in alone.parameters} if alone else {}
+        rows = confirmations(alone, self.system.study.measured, units) if alone else []
+        apart = alone is not None and any(r.contradicts for r in rows)
+        return replace(
+            data,
+            next_experiment=self._proposal(d),
+            confirmation=tuple(rows),
+            without_films=record.WithoutFilms(alone.named, alone.chi2) if alone and apart else None,
+            unit=channels[0].unit or "1" if len(channels) == 1 else SEVERAL,
+            fitted=intervals(d.best, [p.name for p in d.best.parameters]),
+            lacks={name: m.lacks for name, m in self.system.mechanisms.items()},
+            runs=record.Runs(count.made, count.kept, count.seconds, tuple(str(f) for f in count.failures)),
+        )
+
+    def _proposal(self, d: Findings) -> record.NextExperiment | None:
+        """The inputs that would tell most."""
+        if (p := d.next_experiment) is None:
+            return None
+        inputs = {n: float(p.labels[n]) for n in self.system.study.inputs}
+        return record.NextExperiment(str(p.labels["kind"]), None, None, p.separates, p.expected_log10_odds, inputs)
+
+    def words(self, data: Diagnosis) -> Words:
+        lacks = data.lacks or {}
+        unit = " times the noise" if data.unit == SEVERAL else "" if data.unit in (None, "1") else f" {data.unit}"
+
+        def size(x: float) -> str:
+            return f"{x:.2g}{unit}"
+
+        misses = f"The simulation misses the recordings by {size(data.baseline.rmse_track_m)} rms"
+        return Words(misses, size, lacks=lacks, called=lacks)
+
+
+def model_name(system: Studied) -> str:
+    """What the simulator is called."""
+    return system.study.name or getattr(system.study.simulate, "__name__", "simulate").strip("_")
+
+
+def intervals(fit: Fit, names: Sequence[str]) -> dict[str, record.Parameter]:
+    """Parameters by name with their 90 % intervals, without what does nothing."""
+    return {p.name: interval(fit, p) for p in fit.parameters if p.name in names and not p.name.startswith(DUMMY)}
+
+
+def noise_of(d: Findings, system: Studied) -> record.Noise:
+    """The noise by channel, with what a reader must be warned of."""
+    channels, readings = system.study.channels, system.readings
+    sources = {
+        f"{c.name}: {how}" if len(channels) > 1 else how: record.NoiseSource(s.sigma, s.log_sigma, s.n)
+        for c, of in zip(channels, readings.sources)
+        for how, s in of.items()
+    }
+    first = readings.channels[0]
+    return record.Noise(
+        sigma_m=first.s if len(channels) == 1 else 1.0,
+        correlation=first.rho,
+        tails=None,
+        drift_m=first.drift if len(channels) == 1 else math.nan,
+        samples=sum(o.t.size for o in system.observations),
+        sources=sources,
+        scatter=system.scatter_sigma,
+        tracks={c.name: n.s for c, n in zip(channels, readings.channels)} if len(channels) > 1 else {},
+        outliers=(),
+        warnings=(*readings.warnings, *(() if any(c.process for c in channels) else agreement(d))),
+    )
+
+
+def traces(d: Findings, system: Studied) -> tuple[record.Trace, ...]:
+    """Measured, simulated and extended values of every channel of every recording, in its unit."""
+    every, best = range(len(system.observations)), d.best
+    before = system.predict(d.baseline.mechanisms, d.baseline.named, every)
+    after = system.predict(best.mechanisms, best.named, every)
+    out = []
+    for i, o in enumerate(system.observations):
+        channels = [c for c, m in zip(system.study.channels, system.masks[i].T) if m.sum() >= 2]
+        for c, b in zip(channels, o.blocks):
+            unit = system.units[system.study.channels.index(c)]
+            y = (o.y[b.readings] * unit, before[i][b.readings] * unit, after[i][b.readings] * unit)
+            out.append(record.Trace(o.name, c.name, c.unit, o.t[b.readings], *y))
+    return tuple(out)

@@ -1,0 +1,227 @@
+"""Both ends of a flight: at a corner, or where a spring begins, whichever the evidence prefers, with covariance."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from jumpvision.base.arrays import Array
+
+from .corner import crossing, moves
+from .motion import POWER, Motion, Part, curvature, price, pushed, turning
+from .piece import Line, polynomial
+from .segments import FLIGHT, NUMBERS, REST
+from .spring import Settings, Sprung, sprung, swings
+
+UNLIKE = 3.0  # sigmas by which a flight's own curvature may differ before it is fitted with it
+FEWEST = 6  # samples of a smooth motion that a flight may meet at an angle
+SOON = 0.1  # of a fall's speed that it may have after its release, where it was told from the rest
+FREE = 0.3  # of gravity: what is known of a curvature that is fitted freely
+
+
+@dataclass(frozen=True)
+class Edge:
+    """An end of a flight: when [s], its variance [s^2], what is beyond it.
+
+    by: {which curve: d time / d its numbers}; curves of the motion by their place in it, others below 0.
+    """
+
+    time: float
+    variance: float
+    kind: str
+    by: dict[int, Array] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Flight:
+    """Samples i .. j; edges (None: outside the record); curvature [m/s^2] and its sigma; covariances: of the curves."""
+
+    i: int
+    j: int
+    edges: tuple[Edge | None, Edge | None]
+    curvature: tuple[float, float]
+    covariances: dict[int, Array]
+    swing: bool  # whether one swing on a spring explains it and what is about it as well
+
+    def covariance(self, a: int, other: Flight, b: int) -> float:
+        """Of edge a (0 lift-off, 1 landing) with edge b of another flight [s^2]."""
+        first, second = self.edges[a], other.edges[b]
+        if first is None or second is None:
+            return 0.0
+        cov = self.covariances
+        both = [k for k in first.by if k in second.by and (k >= 0 or self is other)]
+        return sum(float(first.by[k] @ cov[k] @ second.by[k]) for k in both if first.by[k].size == second.by[k].size)
+
+
+@dataclass(frozen=True)
+class Beside:
+    """What a flight meets at an angle: the curve, its name, when about [s], and the kind of the edge."""
+
+    name: int
+    line: Line
+    near: float
+    kind: str
+
+
+def flight(motion: Motion, k: int, how: Settings) -> Flight:
+    """The flight that is part k of a motion."""
+    part, line, piece = motion.parts[k], motion.lines[k], motion.piece
+    sides = [side for side in (-1, 1) if 0 <= k + side < len(motion.parts)]
+    reach = turning(motion, k, -1), turning(motion, k, 1)
+    own = curvature(piece, part.i, part.j)
+    if unlike(own, how):
+        line = polynomial(piece.part(part.i, part.j), 3)
+    beside = {side: met for side in sides if (met := corner(motion, k, side, reach, how)) is not None}
+    gradual = tuple(side for side in sides if side not in beside)
+    fit = sprung(piece, (part.i, part.j), reach, gradual, how) if gradual else None
+    swing = False
+    if fit is not None:
+        own = _own(motion, part.i, part.j, reach, gradual, how, fit)
+        if unlike(own, how):
+            freely = replace(how, gravity_sigma=FREE * how.gravity)
+            fit = sprung(piece, (part.i, part.j), reach, gradual, freely) or fit
+        line = fit.line
+        worth = fit.chi2 + price(piece)  # a swing has a level, two amplitudes and a frequency, this one number more
+        swing = len(gradual) == len(sides) and swings(piece.part(*fit.window)) <= worth
+    cov = line.cov if fit is None else fit.cov
+    covariances = {k: cov} | {b.name: b.line.cov for b in beside.values()}
+    edges = tuple(_edge(motion, k, s, line, cov, beside, fit, gradual) if s in sides else None for s in (-1, 1))
+    return Flight(part.i, part.j, (edges[0], edges[1]), own, covariances, swing)
+
+
+def unlike(own: tuple[float, float], how: Settings) -> bool:
+    """Whether a curvature is another than gravity's."""
+    return abs(own[0] + how.gravity) > UNLIKE * math.hypot(own[1], how.gravity_sigma)
+
+
+def _own(
+    motion: Motion, i: int, j: int, reach: tuple[int, int], gradual: tuple[int, ...], how: Settings, fit: Sprung
+) -> tuple[float, float]:
+    """The curvature of a flight with springs at its ends, fitted along with them."""
+    freely = sprung(motion.piece, (i, j), reach, gradual, replace(how, gravity_sigma=FREE * how.gravity))
+    if freely is not None:
+        return -freely.curvature[0], freely.curvature[1]
+    inside = np.flatnonzero((motion.piece.t > min(fit.times)) & (motion.piece.t < max(fit.times)))
+    lo, hi = (int(inside[0]), int(inside[-1]) + 1) if len(gradual) == 2 and inside.size > 4 else (i, j)
+    return curvature(motion.piece, lo, hi)
+
+
+def _edge(
+    motion: Motion,
+    k: int,
+    side: int,
+    line: Line,
+    cov: Array,
+    beside: dict[int, Beside],
+    fit: Sprung | None,
+    gradual: tuple[int, ...],
+) -> Edge:
+    piece, part = motion.piece, motion.parts[k]
+    if side in beside:
+        met = beside[side]
+        if met.kind == "release":
+            return _release(line, cov, met, k)
+        at = crossing(line, met.line, met.near)
+        at = met.near if at is None else at
+        mine, theirs = moves(line, met.line, at)
+        by = np.zeros(len(cov))
+        by[: mine.size] = mine
+        return Edge(at, float(by @ cov @ by + theirs @ met.line.cov @ theirs), met.kind, {k: by, met.name: theirs})
+    if fit is None:
+        n = part.i if side < 0 else part.j
+        return Edge(0.5 * float(piece.t[n - 1] + piece.t[n]), piece.step**2, "contact")
+    n = gradual.index(side)
+    by = np.zeros(len(cov))
+    by[fit.p.size + n] = 1.0
+    time, variance = float(fit.times[n]), float(by @ cov @ by)
+    if not fit.good and variance < piece.step**2:  # no spring-like landing: good to a frame at best
+        return Edge(time, piece.step**2, "contact")
+    return Edge(time, variance, "spring", {k: by})
+
+
+def _release(line: Line, cov: Array, met: Beside, k: int) -> Edge:
+    """Let go at rest: the parabola's apex, and that it is as high as the rest was."""
+    numbers = np.zeros(len(cov))
+    numbers[: line.p.size] = line.p
+    bend = line.bend + (float(line.p[2]) if line.p.size > 2 else 0.0)
+    tau = -float(line.p[1]) / (2.0 * bend)
+    time_by, height_by = np.zeros(len(cov)), np.zeros(len(cov))
+    time_by[1], height_by[:2] = -0.5 / bend, (1.0, tau)
+    if line.p.size > 2:
+        time_by[2], height_by[2] = -tau / bend, tau * tau
+    off = line.at(line.origin + tau) - met.line.at(met.near)
+    gain = cov @ height_by / (height_by @ cov @ height_by + met.line.cov[0, 0])
+    by = time_by - (time_by @ gain) * height_by
+    theirs = np.array([float(time_by @ gain)])
+    variance = float(by @ cov @ by + theirs @ met.line.cov @ theirs)
+    return Edge(line.origin + tau - float(time_by @ gain) * off, variance, "release", {k: by, met.name: theirs})
+
+
+def corner(motion: Motion, k: int, side: int, reach: tuple[int, int], how: Settings) -> Beside | None:
+    """What the flight k meets at an angle on one side; None where a spring explains the motion beside it as well."""
+    piece, other = motion.piece, motion.parts[k + side]
+    at = motion.corners.get(k + min(side, 0))
+    if at is not None and other.kind == FLIGHT:
+        return Beside(k + side, motion.lines[k + side], at, "impact")
+    if side < 0 and other.kind == REST and (let := released(motion, k)) is not None:
+        return let
+    kind = "rest" if other.kind == REST else "support"
+    found = Beside(k + side, motion.lines[k + side], at, kind) if at is not None else bent(motion, k, side, reach)
+    if found is None:
+        return None
+    lo, hi = (reach[0], motion.parts[k].i) if side < 0 else (motion.parts[k].j, reach[1])
+    if hi - lo < 2:
+        return found
+    part = motion.parts[k]
+    cut = len(part) // 6  # the other end may hang over into a contact of its own
+    inside = (part.i + cut, part.j) if side > 0 else (part.i, part.j - cut)
+    spring = sprung(piece, inside, (lo, hi), (side,), how, shares=(1.0,))
+    if spring is None or not spring.good:
+        return found
+    spent = replace(part, i=inside[0], j=inside[1]).line(piece, how.gravity).chi2
+    spent += sum(_cost(motion, p, lo, hi) for p in motion.parts)
+    return None if spring.chi2 + 2.0 * price(piece) <= spent else found
+
+
+def _cost(motion: Motion, part: Part, lo: int, hi: int) -> float:
+    """chi^2 and numbers of the samples of a part that lie in lo .. hi."""
+    i, j = max(part.i, lo), min(part.j, hi)
+    if j <= i:
+        return 0.0
+    numbers = min(NUMBERS[part.kind], j - i)
+    return polynomial(motion.piece.part(i, j), numbers).chi2 + (numbers + 1) * price(motion.piece)
+
+
+def released(motion: Motion, k: int) -> Beside | None:
+    """The rest from which the flight k is let go: it begins at its apex, as high as the rest."""
+    line, level, at = motion.lines[k], motion.lines[k - 1], float(motion.piece.t[motion.parts[k].i])
+    if len(motion.parts[k - 1]) < FEWEST or abs(line.slope(at)) > 2.0 * POWER * line.slope_sigma(at) + SOON * _fall(
+        motion, k
+    ):
+        return None
+    apex = line.origin - float(line.p[1]) / (2.0 * line.bend)
+    sigma = math.hypot(math.sqrt(float(line.row(apex) @ line.cov @ line.row(apex))), math.sqrt(float(level.cov[0, 0])))
+    return Beside(k - 1, level, apex, "release") if abs(line.at(apex) - level.at(apex)) < POWER * sigma else None
+
+
+def _fall(motion: Motion, k: int) -> float:
+    """Speed [m/s] that a flight changes by."""
+    part, line = motion.parts[k], motion.lines[k]
+    return abs(line.slope(float(motion.piece.t[part.j - 1])) - line.slope(float(motion.piece.t[part.i])))
+
+
+def bent(motion: Motion, k: int, side: int, reach: tuple[int, int]) -> Beside | None:
+    """The smooth motion that a flight meets at an angle."""
+    piece, part, other = motion.piece, motion.parts[k], motion.parts[k + side]
+    lo, hi = (max(other.i, reach[0]), other.j) if side < 0 else (other.i, min(other.j, reach[1]))
+    if hi - lo < FEWEST or other.kind == FLIGHT:
+        return None
+    mine, beside = motion.lines[k], polynomial(piece.part(lo, hi), 3)
+    border = part.i if side < 0 else part.j
+    at = crossing(mine, beside, 0.5 * float(piece.t[border - 1] + piece.t[border]))
+    if at is None or not piece.t[min(part.i, lo)] < at < piece.t[max(part.j, hi) - 1]:
+        return None
+    push = pushed(mine, beside, at) if side > 0 else pushed(beside, mine, at)
+    return Beside(side - 2, beside, at, "support") if push else None

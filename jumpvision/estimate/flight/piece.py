@@ -1,0 +1,120 @@
+"""A gapless piece of a record with the noise of its samples, and weighted fits of polynomials to parts of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jumpvision.base.arrays import Array
+
+
+@dataclass(frozen=True)
+class Piece:
+    """t (n,) [s] increasing, y (n,) [m] up, sigma (n,) [m]; rho: correlation of the noise from sample to sample."""
+
+    t: Array
+    y: Array
+    sigma: Array
+    rho: float = 0.0
+    step: float = 0.0  # s, between samples that were not lost
+
+    def __post_init__(self) -> None:
+        if not self.step and self.t.size > 1:
+            object.__setattr__(self, "step", float(np.median(np.diff(self.t))))
+
+    def part(self, i: int, j: int) -> Piece:
+        return replace(self, t=self.t[i:j], y=self.y[i:j], sigma=self.sigma[i:j])
+
+    def of(self, samples: NDArray[np.int64]) -> Piece:
+        """Some samples (k,) of it, in order."""
+        return replace(self, t=self.t[samples], y=self.y[samples], sigma=self.sigma[samples])
+
+    def white(self, values: Array) -> Array:
+        """Values (n, ...) [m] over their sigma, with the correlation taken out: noise becomes of variance 1, white."""
+        over = values / (self.sigma if values.ndim == 1 else self.sigma[:, None])
+        if not self.rho:
+            return np.asarray(over)
+        kept = self.rho ** np.maximum(np.round(np.diff(self.t) / self.step), 1.0)
+        if values.ndim > 1:
+            kept = kept[:, None]
+        out = over.copy()
+        out[1:] = (over[1:] - kept * over[:-1]) / np.sqrt(1.0 - kept**2)
+        return np.asarray(out)
+
+    @property
+    def weights(self) -> Array:
+        """1/m^2, (n,): of white noise that is worth as much as this over many samples; next to none where the last
+        sample, which `seen` needs, is not there."""
+        out = self.sigma**-2 * (1.0 - self.rho) / (1.0 + self.rho)
+        if self.rho:
+            out[np.diff(self.t, prepend=-np.inf) > 1.5 * self.step] *= LEAST
+        return np.asarray(out)
+
+    @property
+    def seen(self) -> tuple[Array, Array]:
+        """(t, y) whose noise is white with `weights`: the record itself, or what it is beside its last value."""
+        if not self.rho:
+            return self.t, self.y
+        y, t = self.y.copy(), self.t.copy()
+        y[1:] = (self.y[1:] - self.rho * self.y[:-1]) / (1.0 - self.rho)
+        t[1:] = (self.t[1:] - self.rho * self.t[:-1]) / (1.0 - self.rho)
+        return t, y
+
+
+LEAST = 1e-4  # of the weight of a sample that cannot be told from its neighbour's noise
+
+
+@dataclass(frozen=True)
+class Line:
+    """A polynomial of degree < len(p) in t - origin, with bend (t - origin)^2 beside it; cov (k, k) of p."""
+
+    p: Array
+    cov: Array
+    origin: float
+    bend: float
+    chi2: float
+    n: int
+
+    def at(self, t: float) -> float:
+        tau = t - self.origin
+        return float(np.polyval(self.p[::-1], tau)) + self.bend * tau * tau
+
+    def slope(self, t: float) -> float:
+        tau = t - self.origin
+        return float(sum(k * c * tau ** (k - 1) for k, c in enumerate(self.p) if k)) + 2.0 * self.bend * tau
+
+    def slopes(self, t: Array) -> Array:
+        """slope at (n,)."""
+        tau = t - self.origin
+        return np.asarray(sum(k * c * tau ** (k - 1) for k, c in enumerate(self.p) if k) + 2.0 * self.bend * tau)
+
+    def slope_sigma(self, t: float) -> float:
+        """Standard uncertainty of the slope [m/s]."""
+        k = np.arange(self.p.size)
+        row = k * (t - self.origin) ** np.maximum(k - 1, 0)
+        return math.sqrt(max(float(row @ self.cov @ row), 0.0))
+
+    def row(self, t: float) -> Array:
+        """d at(t) / d p."""
+        return np.asarray((t - self.origin) ** np.arange(self.p.size))
+
+
+def polynomial(piece: Piece, numbers: int, bend: float = 0.0, sigma: float = 0.0) -> Line:
+    """Weighted polynomial of `numbers` coefficients through a piece, a bend [m/s^2] beside them; where sigma > 0 the
+    third coefficient is what there is beside that bend, known to sigma."""
+    origin = float(piece.t[piece.t.size // 2])
+    tau = piece.t - origin
+    span = max(float(np.abs(tau).max()), 1e-300)
+    size = span ** np.arange(numbers)
+    a = piece.white(tau[:, None] ** np.arange(numbers) / size)
+    b = piece.white(piece.y - bend * tau * tau)
+    square = a.T @ a
+    if sigma > 0.0:
+        square[2, 2] += (sigma * size[2]) ** -2.0
+    cov = np.linalg.pinv(square)
+    p = cov @ (a.T @ b)
+    chi2 = float(np.sum((b - a @ p) ** 2))
+    return Line(p / size, cov / np.outer(size, size), origin, bend, chi2, piece.t.size)

@@ -1,0 +1,252 @@
+"""Gradual edges: beyond them the body is on a spring, and its fall turns into an oscillation."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+
+from jumpvision.base.arrays import Array
+
+from ..estimate import least_squares_fit, scatter_factor
+from .piece import Line, Piece
+
+STIFFNESS = (20.0, 30.0, 45.0, 65.0, 100.0, 150.0, 250.0, 400.0, 700.0, 1200.0)  # rad/s, where a fit starts
+PLACES, MOST = 24, 100  # of an edge, where a fit starts; samples that this looks at
+SHRUNK = (1.0, 0.6, 0.35, 0.2)  # of the way to the turning point, tried in turn
+POOR = 1e-3  # chance of chi^2 below which a contact is none of a spring
+
+
+@dataclass(frozen=True)
+class Ring:
+    """What a hanging foot does to the body in flight: it swings at `frequency` [rad/s], decaying at `decay` [1/s]."""
+
+    frequency: float
+    decay: float
+
+    def columns(self, t: Array) -> Array:
+        """(n, 2), t [s] from the lift-off."""
+        fallen = np.exp(-self.decay * np.clip(t, 0.0, None))
+        return np.stack([fallen * np.cos(self.frequency * t), fallen * np.sin(self.frequency * t)], axis=1)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """gravity, its sigma [m/s^2]; shortest flight [s]; ring of a foot; lag = c/k [s] of the damper at the spring."""
+
+    gravity: float
+    gravity_sigma: float = 0.0
+    shortest: float = 0.0
+    ring: Ring | None = None
+    lag: float = 0.0
+
+
+@dataclass(frozen=True)
+class Sprung:
+    """A flight fitted together with the springs at its edges: the times [s] and their covariance with the parabola.
+
+    p: value and slope at `origin`, then what is fitted beside; cov: of (p, times). edges: which there are, of
+    (-1, lift-off; +1, landing), in the order of times.
+    """
+
+    origin: float
+    p: Array
+    times: Array
+    cov: Array
+    edges: tuple[int, ...]
+    chi2: float
+    n: int
+    curvature: tuple[float, float]
+    window: tuple[int, int] = (0, 0)
+
+    @property
+    def line(self) -> Line:
+        """The flight's parabola."""
+        return Line(self.p[:2], self.cov[:2, :2], self.origin, -0.5 * self.curvature[0], self.chi2, self.n)
+
+    @property
+    def good(self) -> bool:
+        dof = self.n - self.p.size - 2 * len(self.edges)
+        return dof > 0 and self.chi2 <= scipy.special.chdtri(dof, POOR)
+
+
+def departure(tau: Array, w: Array | float, lag: float) -> tuple[Array, Array]:
+    """(per m/s of speed down at the edge [s], per m/s^2 of gravity [s^2]): how far the spring holds the body above the
+    parabola, tau >= 0 [s] after the edge. x'' = -g - w^2 (x + lag x') from x = 0; w [rad/s], lag = c/k [s]."""
+    gamma = 0.5 * w * w * lag
+    inner = w * w - gamma * gamma
+    wd = np.sqrt(np.maximum(inner, 1e-6 * w * w))
+    fall = np.exp(-np.clip(gamma * tau, -50.0, 50.0))
+    sine, cosine = fall * np.sin(wd * tau) / wd, fall * np.cos(wd * tau)
+    return np.asarray(tau - sine), np.asarray(0.5 * tau**2 - (1.0 - cosine - gamma * sine) / (w * w))
+
+
+def sprung(
+    piece: Piece,
+    inside: tuple[int, int],
+    reach: tuple[int, int],
+    edges: tuple[int, ...],
+    how: Settings,
+    shares: tuple[float, ...] = SHRUNK,
+) -> Sprung | None:
+    """Fit of the flight of samples inside[0] .. inside[1] and of the contact as far as reach[0] .. reach[1].
+
+    The contact is left out bit by bit from its turning point on, until a spring explains the rest of it.
+    """
+    best = None
+    for share in shares:
+        lo = inside[0] - round(share * (inside[0] - reach[0])) if -1 in edges else inside[0]
+        hi = inside[1] + round(share * (reach[1] - inside[1])) if 1 in edges else inside[1]
+        found = _fitted(piece.part(lo, hi), piece.t[inside[0]], piece.t[inside[1] - 1], edges, how)
+        if found is not None:
+            best = replace(found, window=(lo, hi))
+            if found.good:
+                break
+    return best
+
+
+def _fitted(
+    piece: Piece,
+    first: float,
+    last: float,
+    edges: tuple[int, ...],
+    how: Settings,
+) -> Sprung | None:
+    gravity, gravity_sigma, lag, ring = how.gravity, how.gravity_sigma, how.lag, how.ring
+    t, n = piece.t, piece.t.size
+    origin = 0.5 * (first + last)
+    tau, span = t - origin, max(last - first, 4.0 * piece.step)
+    free_gravity = gravity_sigma > 0.0
+    columns = [np.ones(n), tau]
+    if free_gravity:
+        columns.append(-0.5 * tau * tau * gravity_sigma)
+    swing = [] if ring is None else list(ring.columns(t - first).T)
+    linear = np.stack(columns + swing, axis=1)
+    many = linear.shape[1]
+    if n <= many + 2 * len(edges) + 1:
+        return None
+    base = piece.y + 0.5 * gravity * tau * tau
+
+    def beyond(edge: float, side: int, w: float) -> tuple[Array, Array, Array]:
+        away = np.maximum(side * (tau - edge), 0.0)
+        speed, fall = departure(away, w, side * lag)
+        return away, speed, fall
+
+    def design(where: Array, w: Array) -> tuple[Array, Array]:
+        """(columns of the linear numbers, what depends on none of them)."""
+        a, rest = linear.copy(), np.zeros(n)
+        for edge, side, stiff in zip(where, edges, w):
+            _, speed, fall = beyond(edge, side, stiff)  # speed down beyond the edge: -side (slope - g edge)
+            a[:, 1] -= side * speed
+            rest += side * gravity * edge * speed + gravity * fall
+            if free_gravity:
+                a[:, 2] += gravity_sigma * (side * edge * speed + fall)
+        return a, rest
+
+    start = _start(piece, linear, base, edges, np.array([first, last]) - origin, gravity)
+    if start is None:
+        return None
+    where, stiff, p = start
+    prior = np.eye(many)[2:3] if free_gravity else np.zeros((0, many))
+
+    def residual(q: Array) -> Array:
+        a, rest = design(q[many : many + len(edges)], np.exp(np.clip(q[many + len(edges) :], -9.0, 9.0)))
+        r = piece.white(base - rest - a @ q[:many])
+        return np.concatenate([r, -prior @ q[:many]])
+
+    def jacobian(q: Array) -> Array:
+        e, w = q[many : many + len(edges)], np.exp(np.clip(q[many + len(edges) :], -9.0, 9.0))
+        a, _ = design(e, w)
+        slope = q[1]
+        g = gravity + (gravity_sigma * q[2] if free_gravity else 0.0)
+        more = []
+        for edge, side, stiff in zip(e, edges, w):
+            h = 1e-6 * span
+            away, speed, fall = beyond(edge, side, stiff)
+            _, s2, f2 = beyond(edge - side * h, side, stiff)
+            down = -side * (slope - g * edge)
+            live = away > 0.0
+            more.append(live * (-side * (down * (s2 - speed) + g * (f2 - fall)) / h + side * g * speed))
+        for edge, side, stiff in zip(e, edges, w):
+            _, speed, fall = beyond(edge, side, stiff)
+            _, s2, f2 = beyond(edge, side, stiff * (1.0 + 1e-5))
+            down = -side * (slope - g * edge)
+            more.append((down * (s2 - speed) + g * (f2 - fall)) / 1e-5)
+        out = -piece.white(np.concatenate([a, np.stack(more, axis=1)], axis=1))
+        return np.vstack([out, -np.hstack([prior, np.zeros((len(prior), 2 * len(edges)))])])
+
+    noise = float(np.median(piece.sigma))
+    scale = (
+        [noise, noise / span]
+        + [1.0] * free_gravity
+        + [noise] * len(swing)
+        + [piece.step] * len(edges)
+        + [0.2] * len(edges)
+    )
+    q0 = np.concatenate([p, where, np.log(stiff)])
+    fit = least_squares_fit(residual, q0, scale=scale, jacobian=jacobian)
+    if fit is None:
+        return None
+    q, cov, chi2 = fit
+    keep = many + len(edges)
+    times = q[many:keep]
+    if np.any(times < tau[0]) or np.any(times > tau[-1]) or np.any(np.abs(q[keep:]) > 9.0):
+        return None
+    if len(edges) == 2 and times[1] <= times[0]:
+        return None
+    dof = n - q.size
+    factor = scatter_factor(chi2, dof) ** 2
+    g = (gravity + gravity_sigma * q[2], gravity_sigma * math.sqrt(cov[2, 2])) if free_gravity else (gravity, 0.0)
+    return Sprung(origin, q[:many], origin + times, factor * cov[:keep, :keep], edges, chi2, n, g)
+
+
+def _start(
+    piece: Piece, linear: Array, base: Array, edges: tuple[int, ...], middle: Array, gravity: float
+) -> tuple[Array, Array, Array] | None:
+    """(places from the origin, stiffnesses, linear numbers): each edge over a grid, with the half of the flight beside
+    it. middle (2,): where the flight begins and ends. The damper does not matter here."""
+    tau, span = linear[:, 1], float(middle[1] - middle[0])
+    where, stiff, p = [], [], None
+    for side in edges:
+        end = middle[(side + 1) // 2]
+        use = np.flatnonzero(side * (tau - middle.mean()) >= 0.0) if len(edges) == 2 else np.arange(tau.size)
+        use = use[:: max(1, use.size // MOST)]
+        places = end - side * span * np.linspace(-0.06, 0.4, PLACES)
+        edge, w = (a.ravel()[:, None] for a in np.meshgrid(places, np.array(STIFFNESS), indexing="ij"))
+        speed, fall = departure(np.maximum(side * (tau[use] - edge), 0.0), w, 0.0)
+        columns = np.broadcast_to(linear[use, :2], (*speed.shape, 2)).copy()
+        columns[..., 1] -= side * speed
+        y = (base[use] - side * gravity * edge * speed - gravity * fall) / piece.sigma[use]
+        columns /= piece.sigma[use, None]
+        square, product = columns.swapaxes(1, 2) @ columns, (columns * y[..., None]).sum(axis=1)
+        if use.size < 4:
+            return None
+        square += 1e-12 * np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(2)
+        x = np.linalg.solve(square, product[..., None])[..., 0]
+        chi2 = np.sum(y * y, axis=1) - np.sum(product * x, axis=1)
+        best = int(np.argmin(chi2))
+        where.append(float(edge[best, 0]))
+        stiff.append(float(w[best, 0]))
+        p = x[best]
+    start = np.zeros(linear.shape[1])
+    start[:2] = p
+    return np.array(where), np.array(stiff), start
+
+
+def swings(piece: Piece) -> float:
+    """Least chi^2 of one swing about a level, of any frequency about one period in the piece."""
+    span = piece.t[-1] - piece.t[0]
+    tau = piece.t - piece.t[0]
+    y = piece.white(piece.y)
+
+    def chi2(w: float) -> float:
+        a = piece.white(np.stack([np.ones_like(tau), np.cos(w * tau), np.sin(w * tau)], axis=1))
+        x = np.linalg.lstsq(a, y, rcond=None)[0]
+        return float(np.sum((y - a @ x) ** 2))
+
+    tried = 2.0 * math.pi / span * np.linspace(0.3, 2.0, 18)
+    best = int(np.argmin([chi2(w) for w in tried]))
+    low, high = tried[max(best - 1, 0)], tried[min(best + 1, tried.size - 1)]
+    return float(scipy.optimize.minimize_scalar(chi2, bounds=(low, high), method="bounded").fun)

@@ -1,0 +1,49 @@
+"""Flights of any body from its track, for notebooks."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import TYPE_CHECKING, Any
+
+from .flight import restitution
+from .flight.table import as_table, columns_of, found_in
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def flights(
+    table: Any,
+    height_m: Any = None,
+    sigma_m: Any = None,
+    *,
+    gravity: float = 9.81,
+    shortest: float = 0.0,
+    max_gap: float | None = None,
+) -> pd.DataFrame:
+    """The free flights of any body, e.g. a ball's bounces, a toss or a drop: a row a flight, in order.
+
+    table: with time_s [s] and height_m (or y_m, z_m) [m], up, as `jv.track` gives with a scale, and sigma_m where it is
+    known; or times (n,) [s], then height_m (n,) [m], sigma_m: (n,) or one number, its standard uncertainty. Without it
+    the noise is what the record shows, correlated or not. NaN samples are left out; a gap longer than max_gap [s]
+    (default 3.5 sample intervals) ends a flight. gravity [m/s^2] along the height. Flights shorter than `shortest` [s]
+    are left out.
+
+    Columns: lift_off_s, landing_s with lift_off_sigma_s, landing_sigma_s, NaN outside the record; time_s, time_sigma_s
+    (with the correlation of the two); height_m = gravity time_s^2 / 8, height_sigma_m; curvature_m_s2, fitted freely,
+    curvature_sigma_m_s2; begins, ends: "rest", "impact" (shorter than a sample, between two flights), "support" (a
+    smooth motion met at an angle), "spring", "release", "contact" (none of these: good to a sample), "outside".
+    `.attrs["restitution"]` is (e, sigma) of successive bounces, NaN below two complete ones; `.attrs["doubts"]` says
+    what the record contradicts, e.g. a free flight at 11.8 m/s^2 where the scale is wrong, as a Python warning does.
+    Raises ValueError for arrays of different lengths, times that do not increase, a sigma that is not above 0.
+
+    Example: jv.flights(jv.track(frames, frame_rate=500, scale=2e-4, origin=(320, 460)))
+    """
+    given = columns_of(table) if height_m is None else (table, height_m, sigma_m)
+    found = found_in(*given, gravity=gravity, shortest=shortest, max_gap=max_gap)
+    for doubt in found.doubts:
+        warnings.warn(doubt.message, stacklevel=2)
+    out, e = as_table(found, gravity), restitution(found, after=-math.inf)
+    out.attrs |= {"restitution": (e.value, e.sigma), "doubts": [d.message for d in found.doubts]}
+    return out

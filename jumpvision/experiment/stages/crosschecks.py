@@ -1,0 +1,229 @@
+"""Do the recordings of one experiment agree with each other, and with what is declared? Physics asked of both.
+
+`check` and `run` ask the same. Each doubt names both numbers and the likely remedy; nothing is changed by it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jumpvision.base.arrays import Array
+from jumpvision.base.schema import Doubt
+from jumpvision.base.storage import sha256
+from jumpvision.estimate.flight import Flights, contact_flights, flight_height, in_flight
+from jumpvision.estimate.flight.flights import flights_of
+from jumpvision.estimate.flight.track import noise_of, pieces
+from jumpvision.experiment.inputs.experiment import Experiment
+from jumpvision.experiment.inputs.sections import (
+    Actuation,
+    GrainVideo,
+    IntrusionLog,
+    MotorLog,
+    Robot,
+    RodTrack,
+    RodVideo,
+)
+
+from .rod import commanded, position_at, total_mass
+
+FEWEST = 20  # samples of a recording
+SHORTEST = 0.03  # s: shorter flights of a track are not compared
+GAP = 0.05  # s without a sample of a track, over which a flight is not followed
+DEBOUNCE = 0.005  # s of a switch
+AGREE = 5.0  # sigmas, and
+SHARE = 0.05  # of a flight's time, by which two flights may differ: a foot leaves later than its spring is slack
+MOST = 0.5  # share of the time in flight which the contact log, if it is right, calls flight: far less than it does
+ALIKE = 0.8  # correlation from which a log is the law's motion, or its negative
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Height (n,) [m] at t [s] of the centre of mass of motor and rod, or of the rod where the motor rests."""
+
+    t: Array
+    height: Array
+    sigma: Array | None
+    gravity: float
+
+    def flights(self, upside_down: bool = False) -> Flights:
+        """Those that the track itself shows, to a sample."""
+        good = np.isfinite(self.height) & np.isfinite(self.t)
+        t, h = self.t[good], (-self.height if upside_down else self.height)[good]
+        sigma = np.full(t.size, noise_of(h)) if self.sigma is None else self.sigma[good]
+        step = float(np.median(np.diff(t)))
+        rows: list[tuple[float, ...]] = [
+            (t[a + i], step, t[a + j - 1], step)
+            for a, b in pieces(t, GAP)
+            for i, j in in_flight(t[a:b], h[a:b], sigma[a:b], gravity=self.gravity)
+            if i > 0 and j < b - a and t[a + j - 1] - t[a + i] > SHORTEST
+        ]
+        return flights_of(rows)
+
+
+def motion_of(
+    t: Array, h: Array, sigma: Array | None, robot: Robot | None, law: Actuation | None, log: MotorLog | None
+) -> Motion:
+    """The centre of mass of motor and rod, from the rod's track; NaN while the motor moves where it is not known."""
+    robot = robot or Robot()
+    relative, mass = position_at(t, law, log), total_mass(robot)
+    if relative is not None and mass and robot.motor_mass:
+        h = h + robot.motor_mass / mass * relative
+    elif law is not None and law.moves:  # the rod alone follows no parabola while the motor moves
+        h = np.where(t > law.stop, h, np.nan)
+    return Motion(t, h, sigma, robot.gravity)
+
+
+def cross_checks(
+    name: str,
+    motion: Motion | None,
+    touches: tuple[Array, Array] | None,
+    law: Actuation | None,
+    motor: tuple[Array, Array] | None,
+) -> Iterator[Doubt]:
+    """Every doubt. name: the track's section. touches: times and 0 or 1 of the contact log; motor: times, X_m [m]."""
+    if motion is not None and np.isfinite(motion.height).sum() > FEWEST:
+        found = motion.flights()
+        yield from upright(name, motion, found)
+        if touches is not None and touches[0].size > FEWEST:
+            yield from contact(name, motion, found, *touches)
+    if law is not None and motor is not None:
+        yield from driven(law, *motor)
+
+
+def repeated(experiments: Iterable[Experiment]) -> Iterator[Doubt]:
+    """Experiments with the same recording of a motion: one was copied, and counts twice."""
+    sizes: dict[tuple[str, int], list[tuple[str, Path]]] = {}
+    for e in experiments:
+        for kind in (RodVideo, RodTrack, GrainVideo, IntrusionLog):
+            section = e.section(kind)
+            if section is not None and section.path.is_file():
+                sizes.setdefault((section.name, section.path.stat().st_size), []).append((e.name, section.path))
+    for (name, _), files in sizes.items():
+        alike: dict[str, list[str]] = {}
+        for experiment, path in files if len(files) > 1 else ():
+            alike.setdefault(sha256(path), []).append(experiment)
+        for names in alike.values():
+            if len(names) > 1:
+                yield Doubt(
+                    "the same recording twice",
+                    f"{' and '.join(names)}: [{name}] is the same recording: a copy counts twice; give exclude in all "
+                    "but one",
+                    name,
+                )
+
+
+def upright(name: str, motion: Motion, found: Flights) -> Iterator[Doubt]:
+    """In free flight a track that points up is accelerated by -g, one that points down by +g."""
+    fallen = motion.flights(upside_down=True)
+    up, down = _lasting(found), _lasting(fallen)
+    if down > SHORTEST and down > 2.0 * up:
+        yield Doubt(
+            "upside down",
+            f"[{name}] in free flight the height is accelerated by +{motion.gravity:.3g} m/s^2 (for {down:.3g} s; by "
+            f'-{motion.gravity:.3g} for {up:.3g} s): heights that point down? give up = "+y", or negate height_m',
+            name,
+            {"upward_s": up, "downward_s": down},
+        )
+
+
+def _lasting(flights: Flights) -> float:
+    """Time in complete flights [s]."""
+    return float(np.nansum(flights.time)) if len(flights) else 0.0
+
+
+def contact(name: str, motion: Motion, found: Flights, t: Array, touches: Array) -> Iterator[Doubt]:
+    """A contact log (1 on the ground) at t (n,) [s] beside the flights that the track shows."""
+    span, seen = float(t[-1] - t[0]), float(motion.t[-1] - motion.t[0])
+    if seen > 0.0 and not 1.0 / 100.0 < span / seen < 100.0:
+        yield Doubt(
+            "contact log in another unit of time",
+            f"[contact_log] lasts {span:.3g} s, [{name}] {seen:.3g} s ({span / seen:.3g} times): are its times in ms?",
+            "contact_log",
+            {"contact_s": span, "track_s": seen},
+        )
+        return
+    whole = np.flatnonzero(np.isfinite(found.time) & (found.lift_off >= t[0]) & (found.landing <= t[-1]))
+    if not whole.size:
+        return
+    said = contact_flights(t, touches, debounce=DEBOUNCE)
+    inside = _within(t, found)
+    air = touches == 0.0
+    flying, standing = float(air[inside].mean()), float(air[~inside].mean()) if (~inside).any() else math.nan
+    longest = whole[int(np.argmax(found.time[whole]))]
+    if flying < MOST and standing > MOST:
+        yield Doubt(
+            "contact log inverted",
+            f"[contact_log] says in the air for {100 * flying:.0f} % of the time in which [{name}] flies, and for "
+            f"{100 * standing:.0f} % of the other: are 0 and 1 exchanged? contact is 1 on the ground",
+            "contact_log",
+            {"air_in_flight": flying, "air_on_the_ground": standing},
+        )
+        return
+    yield from _same_flight(name, motion, found, int(longest), said)
+
+
+def _within(t: Array, flights: Flights) -> NDArray[np.bool_]:
+    """Whether each time lies in a complete flight."""
+    out = np.zeros(t.size, bool)
+    for up, down in zip(flights.lift_off, flights.landing):
+        if math.isfinite(down - up):
+            out |= (t > up) & (t < down)
+    return out
+
+
+def _same_flight(name: str, motion: Motion, found: Flights, k: int, said: Flights) -> Iterator[Doubt]:
+    """The longest flight of the track beside that of the contact log which is as long."""
+    time, sigma = float(found.time[k]), float(found.time_sigma[k])
+    complete = np.flatnonzero(np.isfinite(said.time))
+    if not complete.size:
+        return
+    near = complete[int(np.argmin(np.abs(said.lift_off[complete] - found.lift_off[k])))]
+    alike = complete[int(np.argmin(np.abs(said.time[complete] - time)))]
+
+    def differs(i: int) -> bool:
+        both = math.hypot(sigma, float(said.time_sigma[i]))
+        return abs(float(said.time[i]) - time) > max(AGREE * both, SHARE * time)
+
+    off = float(said.lift_off[alike] - found.lift_off[k])
+    if not differs(alike) and abs(off) > max(0.25 * time, AGREE * float(found.lift_off_sigma[k])):
+        yield Doubt(
+            "contact log on another clock",
+            f"[contact_log] lifts off at {said.lift_off[alike]:.4g} s for the flight of {time:.3g} s that [{name}] "
+            f"begins at {found.lift_off[k]:.4g} s: is it on the common clock? start = {-off:+.4g} s would fit",
+            "contact_log",
+            {"contact_s": float(said.lift_off[alike]), "track_s": float(found.lift_off[k])},
+        )
+    elif differs(near) and abs(said.lift_off[near] - found.lift_off[k]) < 0.5 * time:
+        high = [flight_height(float(x), 0.0, gravity=motion.gravity).value for x in (said.time[near], time)]
+        yield Doubt(
+            "flight times differ",
+            f"[contact_log] gives a flight of {said.time[near]:.4g} s ({1e3 * high[0]:.3g} mm), [{name}] of {time:.4g} "
+            f"s ({1e3 * high[1]:.3g} mm): a bouncing switch, a wrong frame rate or scale, or times in another unit?",
+            "contact_log",
+            {"contact_s": float(said.time[near]), "track_s": time},
+        )
+
+
+def driven(law: Actuation, t: Array, x: Array) -> Iterator[Doubt]:
+    """The encoder's X_m (n,) [m] at t [s] beside the law of [actuation]: the same motion, or its negative?"""
+    if not law.moves or law.frequency is None or law.amplitude is None or not t[0] < law.stop < t[-1]:
+        return
+    asked = commanded(law)(t)[0]
+    moving = (t >= law.start) & (t <= law.stop)
+    if moving.sum() < 8 or np.ptp(asked[moving]) == 0.0 or np.ptp(x[moving]) == 0.0:
+        return
+    alike = float(np.corrcoef(asked[moving], x[moving])[0, 1])
+    if alike < -ALIKE:
+        yield Doubt(
+            "motor log negated",
+            f"[motor_log] position_m is the negative of the law of [actuation] (correlation {alike:.2f}): position is "
+            "that of the motor above the rod; negate it, or correct the phase",
+            "motor_log",
+            {"correlation": alike},
+        )

@@ -1,0 +1,79 @@
+"""`jv.piv` of images: a velocity field of two, or of every pair of a stack."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from jumpvision.base.parameters import of_keywords
+from jumpvision.base.schema import InputError
+from jumpvision.films.parameters import PivParams
+from jumpvision.films.vision.piv.engine import Usable, best_prefilter
+from jumpvision.films.vision.piv.light import light_of
+from jumpvision.films.vision.piv.pair import REASONS
+
+from .images import grey_images, in_grey, scale_problem, usable_pixels
+from .velocities import Places, fields_of, header, matching, velocities
+
+
+def piv(
+    a: Any, b: Any = None, *, frame_rate: float = 1.0, scale: float | None = None, mask: Any = None, **parameters: Any
+) -> xr.Dataset:
+    """Velocity field from frame a to frame b, or of every neighbouring pair of the frames a (n, H, W) or a sequence.
+
+    Images (H, W) grey, of any number type; masked, infinite and NaN pixels are left out; gain and offset of decimals do
+    not matter. frame_rate [1/s]: default one frame a second, so that speeds are px per frame. scale [m/px]: speeds are
+    in m/s and places in m with it, in px without. mask (H, W), or (n, H, W) of every frame: True where usable.
+    parameters: those of [params.piv], such as window=32, step=8.
+
+    Data set over (y, x), with t before them where there are more than two frames: u right, v up, u_sigma, v_sigma,
+    correlation, reason (0: measured as it stands); x right and y up from the first pixel. Raises InputError for a
+    parameter, ValueError for frames that differ in shape, or where no vector can be found.
+    """
+    if problem := scale_problem("jv.piv", scale):
+        raise InputError([problem])
+    p = of_keywords(PivParams, parameters, folder=("foot_rows",), frame_rate=frame_rate)
+    given = grey_images("piv", a if b is None else (a, b))
+    if len(given) <= p.gap:
+        raise ValueError(f"piv: {len(given)} frame(s): give two grey images (H, W), or more in one stack")
+    masks = both(usable_of(mask, given), usable_pixels(given))
+    frames = in_grey(given)
+    light = light_of(frames, 1, p)
+    first, second = light(frames[0], 0), light(frames[p.gap], p.gap)
+    prefilter, begun = best_prefilter(first, second, mask=masks, gap=p.gap, **matching(p))
+    time, at = np.arange(len(frames)) / frame_rate, Places("images", scale, 0.0, 0.0, 0.0)
+    head = header(time, frames[0].shape, at, prefilter, 1, p)
+    lit = (light(frame, k) for k, frame in enumerate(frames))
+    fields = [velocities(f, scale, p.gap / frame_rate) for f in fields_of(lit, masks, prefilter, 1, p, begun)]
+    if not any(np.isfinite(f.u).any() for f in fields):
+        raise ValueError(f"piv: no vector in the field: {reasons(fields[0])}")
+    whole = xr.concat(fields, dim="t").assign_coords(head.coords).assign_attrs(head.attrs)
+    return whole if len(frames) > 2 else whole.isel(t=0)
+
+
+def usable_of(mask: Any, frames: Sequence[NDArray[Any]]) -> Usable | None:
+    """Usable pixels of frame k by one mask (H, W), or by one of each frame (n, H, W)."""
+    if mask is None:
+        return None
+    given, shape = np.asarray(mask, bool), frames[0].shape
+    if given.shape not in (shape, (len(frames), *shape)):
+        raise ValueError(f"piv: mask has shape {given.shape}: give {shape}, or one of each of the {len(frames)} frames")
+    return lambda k: given if given.ndim == 2 else given[k]
+
+
+def both(a: Usable | None, pixels: Sequence[NDArray[np.bool_]] | None) -> Usable | None:
+    """Usable by a mask and by the pixels themselves."""
+    if pixels is None:
+        return a
+    return lambda k: pixels[k] if a is None else pixels[k] & a(k)
+
+
+def reasons(field: xr.Dataset) -> str:
+    """Why there are no vectors, the most usual reason first."""
+    kinds, counts = np.unique(field.reason.to_numpy(), return_counts=True)
+    order = np.argsort(-counts)
+    return ", ".join(f"{counts[k]} x {REASONS[int(kinds[k])]}" for k in order[:3])

@@ -1,0 +1,156 @@
+"""From matched pairs to a velocity field over (y, x, t): places, times and units, y up, as pivpy schema 1 has them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from jumpvision import __version__
+from jumpvision.base.arrays import Array
+from jumpvision.films.grains.dataset import described
+from jumpvision.films.grains.grid import VectorGrid
+from jumpvision.films.parameters import PivParams
+from jumpvision.films.vision.piv.engine import Usable, length_of_errors, piv_film, vector_places
+from jumpvision.films.vision.piv.pair import MEASURED, REASONS, VectorField
+
+
+class Places(NamedTuple):
+    """Where the pixels of a film lie. file: its name; scale [m/px] with its sigma, None: not known; column, row [px] of
+    the origin."""
+
+    file: str
+    scale: float | None
+    scale_sigma: float
+    column: float
+    row: float
+
+
+def matching(p: PivParams) -> dict[str, Any]:
+    """What `piv_film` calls settings."""
+    names = "preset", "smooth", "window", "step", "passes", "min_correlation", "min_texture", "outlier", "backend"
+    return {name: getattr(p, name) for name in names}
+
+
+def fields_of(
+    images: Iterable[NDArray[np.generic]],
+    usable: Usable | None,
+    prefilter: float,
+    stride: int,
+    p: PivParams,
+    begun: VectorField | None = None,
+) -> Iterator[VectorField]:
+    """Fields of the pairs of frames that have their light; begun: that of the first pair, where it is known."""
+    return piv_film(
+        images,
+        mask=usable,
+        gap=p.gap,
+        baseline=p.baseline,
+        ensemble=p.ensemble,
+        stride=stride,
+        prefilter=prefilter,
+        begun=begun,
+        **matching(p),
+    )
+
+
+def ends(time: Array, stride: int, p: PivParams) -> tuple[Array, Array]:
+    """Times (pairs,) of the first and the second frame of every pair."""
+    return time[: len(time) - p.gap : stride], time[p.gap :: stride]
+
+
+def of_fields(values: Array, p: PivParams) -> Array:
+    """Means of the values of pairs over the pairs of each field."""
+    first = np.arange(0, len(values), p.ensemble)
+    return np.asarray(np.add.reduceat(values, first) / np.diff(first, append=len(values)))
+
+
+def header(time: Array, shape: tuple[int, int], at: Places, prefilter: float, stride: int, p: PivParams) -> xr.Dataset:
+    """Places, times and attributes of pivpy schema 1: y up, origin as in the contract, SI where the scale is known."""
+    begin, end = ends(time, stride, p)
+    x, y = (vector_places(n, p.window, p.step) for n in shape[::-1])
+    grid = VectorGrid(
+        delta_t=float(np.median(end - begin)),
+        source=f"jumpvision {__version__}",
+        scale_m_per_px=at.scale or np.nan,
+        scale_share=at.scale_sigma / at.scale if at.scale else 0.0,
+        origin_column_px=at.column,
+        origin_row_px=at.row,
+        window_px=p.window,
+        step_px=p.step,
+        error_px=length_of_errors(p.window, p.step, p.preset),
+        image_rows=shape[0],
+        image_columns=shape[1],
+        gap_frames=p.gap,
+        ensemble_pairs=p.ensemble,
+        stride_frames=stride,
+    )
+    scale, unit = at.scale or 1.0, grid.unit
+    places = xr.Dataset(
+        coords={
+            "x": ("x", (x - at.column) * scale, {"units": unit, "long_name": "right"}),
+            "y": ("y", -(y - at.row) * scale, {"units": unit, "long_name": "up"}),
+            "t": ("t", of_fields(0.5 * (begin + end), p), {"units": "s", "long_name": "mid-time, common clock"}),
+        }
+    )
+    return described(
+        places,
+        grid,
+        matched=True,
+        files=[at.file],
+        preset=p.preset,
+        smooth=p.smooth,
+        baseline_frames=p.baseline,
+        where="a vector is the velocity at (x, y) half-way in time between its two frames; x right, y up",
+        prefilter_px=prefilter,
+    )
+
+
+def velocities(f: VectorField, scale: float | None, dt: float) -> xr.Dataset:
+    """One pixel field as velocities, y up: m/s with a scale [m/px], else px/s. dt [s]: between the frames of a pair."""
+    size, unit = (scale, "m") if scale else (1.0, "px")
+
+    def speed(values: Array, sign: float = 1.0, **attrs: str) -> tuple[tuple[str, str], Array, dict[str, str]]:
+        return ("y", "x"), values * (sign * size / dt), {"units": f"{unit}/s", **attrs}
+
+    return xr.Dataset(
+        {
+            "u": speed(f.u, standard_name="u_velocity"),
+            "v": speed(f.v, -1.0, standard_name="v_velocity"),
+            "u_sigma": speed(f.u_sigma),
+            "v_sigma": speed(f.v_sigma),
+            "u_raw": speed(f.u_raw),
+            "v_raw": speed(f.v_raw, -1.0),
+            "u_matched": speed(f.matched[0]),
+            "v_matched": speed(f.matched[1], -1.0),
+            "u_matched_sigma": speed(f.matched[2]),
+            "v_matched_sigma": speed(f.matched[3]),
+            "chc": (
+                ("y", "x"),
+                np.isin(f.reason, MEASURED).astype(float),
+                {
+                    "units": "1",
+                    "standard_name": "validity_flag",
+                },
+            ),
+            "correlation": (("y", "x"), f.correlation, {"units": "1"}),
+            "reason": (
+                ("y", "x"),
+                f.reason.astype(np.int8),
+                {
+                    "units": "1",
+                    "flag_values": np.array(sorted(REASONS), np.int8),
+                    "flag_meanings": " ".join(_word(REASONS[k]) for k in sorted(REASONS)),
+                    "long_name": "; ".join(f"{k}: {REASONS[k]}" for k in sorted(REASONS)),
+                },
+            ),
+        }
+    )
+
+
+def _word(meaning: str) -> str:
+    """A CF flag meaning: one word."""
+    return meaning.split(":")[0].split(",")[0].replace(" (", "_").replace(")", "").replace(" ", "_")

@@ -1,0 +1,281 @@
+"""Numbers that enter a stated uncertainty and were found by trial: on what, what judges them, and when they were set.
+
+A number here is no setting: it says how much something that is not seen in a single recording adds to an error. Most
+were found on drawn recordings, whose truth is known, and are judged on drawn recordings of the same kinds: that checks
+the arithmetic, and says little of other kinds of film. Where nobody wrote down what a number was set on, `on` says so.
+Values that compiled code needs stand beside it, with the same in a comment: `RIM_FREEDOM` in vision/ball/disc.py.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+V = TypeVar("V")
+
+
+@dataclass(frozen=True)
+class Calibrated(Generic[V]):
+    """on: its unit, what it says, what it was set on. judged_by: the script or test that shows how well what it enters
+    covers. date: when it was set, by the history. enters: where, and what it widens or decides on the way there."""
+
+    value: V
+    on: str
+    judged_by: str
+    date: str
+    enters: str
+
+
+# ---- matching of grains: films.vision.piv ----------------------------------------------------------------------------
+SAME = "judged on seeds 201-203, which set nothing (docs/benchmarks.md), of the same kinds of field"
+UNKNOWN = f"seeds and fields that set it are not recorded; {SAME}"
+
+FINER_NOISE = Calibrated(
+    1.25,
+    f"noise of what a window of two thirds adds, over theory: grains and particles at four windows, 1.0 to 1.6; {SAME}",
+    "benchmarks/piv_sigma.py",
+    "2026-11-25",
+    "validate.noise_within: what of the finer window's step is noise and not motion",
+)
+FINER_MOTION = Calibrated(
+    1.3,
+    f"times that noise, above which a finer window's step is motion; {UNKNOWN}",
+    "benchmarks/piv_sigma.py",
+    "2026-11-25",
+    "validate.unresolved: squared error of what windows average away",
+)
+SHORT_WAVES = Calibrated(
+    5.0,
+    f"squared error over what the finer window sees of it, less 1, of waves so short that vectors a third of a window "
+    f"apart share nothing: drawn turbulence (of long waves it sees all); {SAME}",
+    "benchmarks/piv_sigma.py",
+    "2026-11-25",
+    "validate.unresolved",
+)
+SHORTEST_WAVES = Calibrated(
+    1.5,
+    f"the shortest waves that are told from those, 1 being such; {UNKNOWN}",
+    "benchmarks/piv_sigma.py",
+    "2026-11-25",
+    "validate.unresolved",
+)
+STILL_MOVING = Calibrated(
+    {"default": 8.0, "fast": 1.0, "sharp": 8.0},
+    f"by preset: squared error over what the last step changed beyond its noise; {UNKNOWN}",
+    "benchmarks/piv_sigma.py",
+    "2026-11-25",
+    "engine: sigma of vectors whose steps had not come to rest",
+)
+STILL_MOVING_FROM = Calibrated(
+    0.5,
+    f"of sigma^2: a smaller change by the last step is noise; {UNKNOWN}",
+    "benchmarks/piv_sigma.py",
+    "2026-11-25",
+    "engine: the same",
+)
+SPLINE_ERROR = Calibrated(
+    {"default": 0.0, "fast": 0.003, "sharp": 0.0},
+    "px, by preset: error of a cubic spline between whole pixels, drawn grains of 3-4 px (particles of 3 px: to 0.005)",
+    "benchmarks/piv.py",
+    "2026-11-21",
+    "engine: sigma of every vector, in quadrature",
+)
+LEAST_FREEDOM = Calibrated(
+    0.2,
+    f"share of the residuals that the fit leaves free; a smaller one says nothing about the noise; {UNKNOWN}",
+    "benchmarks/piv_sigma.py",
+    "2026-11-21",
+    "validate.factors: sigma of displacement and gradient",
+)
+LEAST_CORRELATION = Calibrated(
+    0.2,
+    f"of the variance with to that without correlation of neighbouring residuals: less is chance; {UNKNOWN}",
+    "benchmarks/piv_sigma.py",
+    "2026-11-21",
+    "scatter.scatter: variance that a pixel brings",
+)
+SCALE_NOISE = Calibrated(
+    1.3,
+    f"times what noise alone gives, that it exceeds at one place in six: what smoothing takes for motion; {UNKNOWN}",
+    "benchmarks/piv_sigma.py",
+    "2026-11-24",
+    "scales.smoothed: share of every scale that is kept, so the sigma of smoothed vectors",
+)
+CALM_PLACES = Calibrated(
+    0.08,
+    f"share of the places, those that change least, by which the noise of vectors is told; {UNKNOWN}",
+    "benchmarks/piv_sigma.py",
+    "2026-11-24",
+    "scales.noise_factor: factor on every sigma of a field",
+)
+CALM_WORTH = Calibrated(
+    2.0,
+    f"independent neighbourhoods that a factor of 1 is worth where few vectors tell; {UNKNOWN}",
+    "benchmarks/piv_sigma.py",
+    "2026-11-24",
+    "scales.noise_factor",
+)
+CALM_RANGE = Calibrated(
+    (0.6, 1.3),
+    f"factors on sigma that a field may ask for: it may be stirred all over; {UNKNOWN}",
+    "benchmarks/piv_sigma.py",
+    "2026-11-24",
+    "scales.noise_factor",
+)
+SEEN_WAVES = Calibrated(
+    (0.225, 1.2),
+    f"rad a window, but at most rad a vector: the shortest waves that a window still sees; {UNKNOWN}",
+    "benchmarks/piv_sigma.py",
+    "2026-11-24",
+    "scales.noise_factor: which waves are asked",
+)
+SMOOTHED_AWAY = Calibrated(
+    1.5,
+    f"standard deviations by which the field must exceed its noise where motion counts as smoothed away; {UNKNOWN}",
+    "benchmarks/piv_sigma.py",
+    "2026-11-25",
+    "scales.smoothed: sigma of smoothed vectors",
+)
+STEP_OF_FIELD = Calibrated(
+    4.0,
+    "times the variance of chance, above which the field has a step that the surface must not round off; what set "
+    "it is not recorded",
+    "benchmarks/piv.py",
+    "2026-11-21",
+    "piv.surface: where the match starts",
+)
+JUMP_OF_FIELD = Calibrated(
+    30.0,
+    "times the chance of the calmer parts: more begins to be a jump, twice as much is one; set on narrow bands, which "
+    "are not recorded; fresh ones judge it (docs/benchmarks.md)",
+    "benchmarks/piv.py",
+    "2026-11-24",
+    "piv.surface: where no smoothing goes over, and where pixels of the other side count less",
+)
+JUMP_CALM = Calibrated(
+    0.05,
+    "of the vectors, the calmest, tell what chance is: a jump rings over a half of a small picture; as JUMP_OF_FIELD",
+    "benchmarks/piv.py",
+    "2026-11-24",
+    "piv.surface: the same",
+)
+FOREIGN_PIXEL = Calibrated(
+    5.0,
+    "times what the median window leaves of the frames' difference, beyond which a pixel beside a jump counts by half; "
+    "as JUMP_OF_FIELD",
+    "benchmarks/piv.py",
+    "2026-11-24",
+    "engine: vectors beside jumps",
+)
+FOLDED_PARTICLES = Calibrated(
+    4.0,
+    "times what the outer ring of the spectrum holds the inner one must: drawn particles of 2.5 px have 4.5, grains 5 "
+    "and more",
+    "benchmarks/piv.py",
+    "2026-11-24",
+    "frame.white: white noise of the pictures, so what smoothing takes for noise",
+)
+LEAST_WHITE = Calibrated(
+    0.02,
+    "of the spectrum's corner, that is called noise where particles of 2 px are folded into it; what set it is not "
+    "recorded",
+    "benchmarks/piv.py",
+    "2026-11-24",
+    "frame.white",
+)
+
+# ---- paths of grains: films.grains.paths -----------------------------------------------------------------------------
+OWN_NOISE = Calibrated(
+    0.01,
+    "share of a displacement's variance that belongs to its pair alone and not to one of its two frames; what set it "
+    "is not recorded, the flows of tests/test_paths.py did not",
+    "tests/test_paths.py",
+    "2026-11-24",
+    "paths.carried: sigma of a place",
+)
+SUDDEN_NOISE = Calibrated(
+    2.0,
+    "times the variance before: what exceeds it is the pair's own, a bad match; likewise",
+    "tests/test_paths.py",
+    "2026-11-24",
+    "paths.carried",
+)
+ROUNDED_OFF = Calibrated(
+    (0.0136, 0.0095, 0.0045, 0.0024),
+    "of window^2 (d_xx + d_yy), 0, 1, 2, 3 and more vectors from the border or from where nothing is measured: drawn "
+    "vortices of 126 and 157 px, window 24, step 8, alike at noise 2 and 6; at the border 0.012-0.014 for windows of "
+    "16-32 px, steps of 6-16 px, all presets. Layer and vortex of tests/test_paths.py, which judges it, raised it by a "
+    "fifth",
+    "tests/test_paths.py",
+    "2026-11-24",
+    "paths.carried: sigma of a place",
+)
+
+# ---- foot, bed, cone -------------------------------------------------------------------------------------------------
+FACE_OF_FOOT = Calibrated(
+    0.5,
+    "px: grains do not reach right up to the face; 0.44 rms of nine films, which benchmarks/closed_loop.py judges too",
+    "benchmarks/closed_loop.py",
+    "2026-11-21",
+    "foot_face.track_foot: sigma of the face's place on the body",
+)
+FACE_READ = Calibrated(
+    1.0,
+    "px: a row read off the screen; not measured, an assumption",
+    "none",
+    "2026-11-21",
+    "foot_body.Body: sigma of the face where no edge is seen",
+)
+CLIPPED_EDGE = Calibrated(
+    0.14,
+    "of the shift of a saturated edge: how much its unknown shape moves it; drawn pictures, which are not recorded",
+    "tests/test_surface.py",
+    "2026-11-21",
+    "light.clipped_shift: sigma that all columns share",
+)
+VISIBLE_GLOW = Calibrated(
+    2.2,
+    "chi2 without over with glow: up to 2.1 for textured grains without glow, above 2.2 with it; pictures not recorded",
+    "tests/test_surface.py",
+    "2026-11-21",
+    "light.glow_shift: whether a glow is taken out",
+)
+EDGE_OF_BED = Calibrated(
+    0.025,
+    "px by which all columns of one picture may be off together: light through the topmost grains; what set it is not "
+    "recorded",
+    "tests/test_surface.py",
+    "2026-11-21",
+    "stage bed: sigma of a change of height",
+)
+CONTOUR_OF_CONE = Calibrated(
+    3.7,
+    "deg, by which the contour of what moves with the foot is off the cone's side: rms of eight films of prescribed "
+    "cones; the eight of benchmarks/grain_films.py, as it seems, and these judge theta too",
+    "benchmarks/grain_films.py",
+    "2026-11-21",
+    "stage fit: sigma of theta_deg where the side cannot be told and the contour stands in for it",
+)
+
+# ---- ball and marks --------------------------------------------------------------------------------------------------
+FIELD_OF_FRAME = Calibrated(
+    1.2,
+    "times a fit's own sigma: half of the rows of a field are made up; drawn discs of 15 to 22 px, errors along rows",
+    "benchmarks/clips.py",
+    "2026-11-24",
+    "fields: sigma of a ball in interlaced frames",
+)
+OUTLINE_RADIUS = Calibrated(
+    (0.1, 0.5),
+    "px: of the radius of an outline, and of one that is only given; what set it is not recorded",
+    "benchmarks/clips.py",
+    "2026-11-24",
+    "ball.appearance.joint: prior on the radius",
+)
+CLICKED_MARK = Calibrated(
+    0.5,
+    "px, each coordinate of a mark that is clicked; not measured, an assumption",
+    "none",
+    "2026-11-21",
+    "camera, stereo: sigma of scale and places where the marks have none to spare",
+)

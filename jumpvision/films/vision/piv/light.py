@@ -1,0 +1,63 @@
+"""The light of a film before it is matched: its background taken away, its contrast made alike everywhere."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jumpvision.films.parameters import PivParams
+
+SEEN = 64  # frames that a background is made from, of either exposure
+CLIP = 3.0  # times the mean of a tile's histogram, above which CLAHE cuts it
+
+
+class Frames(Protocol):
+    """A film, or a list of pictures."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, i: int, /) -> NDArray[Any]: ...
+
+
+class Light(NamedTuple):
+    """What is done to frame i. common: (H, W) subtracted, of either exposure; tile: of CLAHE [px], 0: none."""
+
+    common: tuple[NDArray[np.float32], ...]
+    tile: int
+
+    def __call__(self, image: NDArray[Any], i: int) -> NDArray[Any]:
+        if self.common:
+            image = image.astype(np.float32) - self.common[i % len(self.common)]
+        return equalised(image, self.tile) if self.tile else image
+
+
+def light_of(frames: Frames, stride: int, p: PivParams) -> Light:
+    """What [params.piv] asks for; a background of double exposures (stride 2) is that of A and of B."""
+    wanted = p.background != "none"
+    return Light(tuple(common(frames, p.background, k, stride) for k in range(stride)) if wanted else (), p.clahe)
+
+
+def common(frames: Frames, how: str, first: int, stride: int) -> NDArray[np.float32]:
+    """Minimum or mean (H, W) of up to SEEN frames, evenly from `first` on, `stride` apart; one at a time in memory."""
+    every = np.arange(first, len(frames), stride)
+    if every.size < 3:
+        raise ValueError(f'[params.piv] background = "{how}": needs 3 frames or pairs, found {every.size}; take "none"')
+    shown = every[np.unique(np.linspace(0, every.size - 1, min(every.size, SEEN)).round().astype(int))]
+    out = frames[int(shown[0])].astype(np.float32)
+    for i in shown[1:]:
+        out = np.minimum(out, frames[int(i)]) if how == "minimum" else out + frames[int(i)]
+    return np.asarray(out if how == "minimum" else out / shown.size, np.float32)
+
+
+def equalised(image: NDArray[Any], tile: int) -> NDArray[np.float32]:
+    """A frame (H, W) by contrast-limited adaptive histogram equalisation in tiles of that side [px]; 0 to 255."""
+    import cv2
+
+    grey = image.astype(np.float32)
+    low, high = float(np.nanmin(grey)), float(np.nanmax(grey))
+    whole = np.nan_to_num((grey - low) * (65535.0 / max(high - low, 1e-6))).astype(np.uint16)
+    rows, columns = (max(1, round(n / tile)) for n in image.shape)
+    even = cv2.createCLAHE(clipLimit=CLIP, tileGridSize=(columns, rows)).apply(whole)
+    return np.asarray(np.where(np.isfinite(grey), even * np.float32(255.0 / 65535.0), np.nan), np.float32)

@@ -1,0 +1,88 @@
+"""When pages are written: only where something changed, one after the other, so that memory does not grow with them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from functools import cache
+from importlib.resources import files as resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from jumpvision import __version__
+from jumpvision.base.record import plain
+from jumpvision.experiment import files
+from jumpvision.experiment.campaign.truth import coverage_words, truth_of
+from jumpvision.experiment.inputs.experiment import Campaign
+from jumpvision.experiment.inputs.sections import Actuation
+from jumpvision.experiment.workflow.run import Outcome
+
+from .page import MADE_FROM
+
+if TYPE_CHECKING:
+    from jumpvision.engine.document.diagnosis import Diagnosis
+    from jumpvision.experiment.results.summary import JumpRow
+
+
+def write_report(
+    campaign: Campaign,
+    outcomes: list[Outcome],
+    rows: list[JumpRow],
+    results: Path,
+    *,
+    single: bool,
+    diagnosis: Diagnosis | None = None,
+) -> Path:
+    """Write the pages and return the path of the one to open: of the campaign, or of the only experiment."""
+    laws = {e.name: e.section(Actuation) for e in campaign.experiments}
+    keys = []
+    for o in outcomes:
+        if not o.results.is_dir():
+            continue
+        try:
+            keys.append(_experiment(o, laws.get(o.name), back="" if single else f"../{files.REPORT}"))
+        except OSError as e:
+            o.errors.append(f"{o.results / files.REPORT}: {e.strerror or e}; free or change it and run again")
+    if single:
+        return outcomes[0].results / files.REPORT
+    true = [dict(truth_of(campaign.path)), coverage_words(campaign, outcomes)]
+    shown = [[r.cells() for r in rows], diagnosis and diagnosis.values, dict(campaign.excluded), true]
+    key = digest_of([*keys, json.dumps(plain(shown))])
+    if not made_from(results / files.REPORT, key):
+        from .page import write_campaign
+
+        write_campaign(campaign, outcomes, rows, results, diagnosis, key)
+    return results / files.REPORT
+
+
+def _experiment(outcome: Outcome, law: Any, *, back: str) -> str:
+    """The page of one experiment, unless the one there was made from the same results; the digest of these."""
+    provenance = outcome.results / files.PROVENANCE
+    receipt = provenance.read_text(encoding="utf-8") if provenance.exists() else ""
+    key = digest_of([back, *outcome.errors, *outcome.warnings, *outcome.not_run, receipt])
+    if not made_from(outcome.results / files.REPORT, key):
+        from .page import write_experiment
+
+        write_experiment(outcome, law, back, receipt, key)
+    return key
+
+
+def digest_of(texts: list[str]) -> str:
+    """Digest of what a page is made from, with the code that makes it."""
+    return hashlib.sha256("\0".join([_code(), *texts]).encode()).hexdigest()[:24]
+
+
+@cache
+def _code() -> str:
+    """Digest of the pages' own files."""
+    here = resources(__package__)
+    own = [f for folder in ("", "static", "templates") for f in here.joinpath(folder).iterdir() if f.is_file()]
+    return hashlib.sha256(__version__.encode() + b"".join(f.read_bytes() for f in sorted(own, key=str))).hexdigest()
+
+
+def made_from(page: Path, key: str) -> bool:
+    """Whether the page that is there says so at its head."""
+    if not page.exists():
+        return False
+    with page.open(encoding="utf-8", errors="replace") as f:
+        return MADE_FROM.format(key) in f.read(400)

@@ -1,0 +1,152 @@
+"""Recordings that contradict each other are told, healthy ones are not.
+
+Truth: hops drawn here in closed form (parabolas between contacts of half a sine on the spring), with white noise, a
+contact log of the same instants, and each with one slip of the hand.
+"""
+
+from __future__ import annotations
+
+import math
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import SAMPLES
+
+from jumpvision.base.schema import InputError
+from jumpvision.cli import main
+from jumpvision.experiment.inputs.experiment import open_folder
+from jumpvision.experiment.inputs.sections import Actuation
+from jumpvision.experiment.stages.crosschecks import Motion, cross_checks, driven, repeated
+
+G, CONTACT = 9.81, 0.06  # m/s^2, s of a stance between two hops
+REST = 0.4  # s, before the first hop
+
+
+def hops(rng, *, rate=500.0, noise=5e-5):
+    """t, height (n,) of a body that rests, then hops ever lower, and the (lift-off, landing) of each flight."""
+    times, at = [], REST
+    speed = rng.uniform(0.8, 1.6)
+    while speed > 0.3:
+        flight = 2.0 * speed / G
+        times.append((at, at + flight, speed))
+        at += flight + CONTACT
+        speed *= 0.75
+    t = np.arange(0.0, at + 0.5, 1.0 / rate)
+    h = np.zeros(t.size)
+    for k, (up, down, v) in enumerate(times):
+        fly = (t >= up) & (t <= down)
+        h[fly] = v * (t[fly] - up) - 0.5 * G * (t[fly] - up) ** 2
+        stance = (t > down) & (t < down + CONTACT)
+        if k + 1 < len(times):
+            h[stance] = -v * CONTACT / math.pi * np.sin(math.pi * (t[stance] - down) / CONTACT)
+    return t, h + rng.normal(0.0, noise, t.size), [(a, b) for a, b, _ in times]
+
+
+def contact_of(t, flights):
+    out = np.ones(t.size)
+    for up, down in flights:
+        out[(t > up) & (t < down)] = 0.0
+    return out
+
+
+def doubts(t, h, clock, touches, noise=5e-5):
+    motion = Motion(t, h, np.full(t.size, noise), G)
+    return [d.kind for d in cross_checks("rod_track", motion, (clock, touches), None, None)]
+
+
+SLIPS = {
+    "inverted": (lambda t, h, c, x: (t, h, c, 1.0 - x), "contact log inverted"),
+    "times in ms": (lambda t, h, c, x: (t, h, 1e3 * c, x), "contact log in another unit of time"),
+    "late by 0.3 s": (lambda t, h, c, x: (t, h, c + 0.3, x), "contact log on another clock"),
+    "upside down": (lambda t, h, c, x: (t, -h, c, x), "upside down"),
+    "a clock that runs 12 % fast": (lambda t, h, c, x: (t, h, REST + (c - REST) * 1.12, x), "flight times differ"),
+}
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("slip", SLIPS)
+def test_a_slip_of_the_hand_is_named(slip, seed):
+    t, h, flights = hops(np.random.default_rng(seed))
+    clock = np.arange(0.0, t[-1], 1e-3)
+    edit, kind = SLIPS[slip]
+    assert doubts(*edit(t, h, clock, contact_of(clock, flights))) == [kind]
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_healthy_recordings_raise_no_doubt(seed):
+    """Rates, noise and clocks within their errors: a log of 1 kHz, its clock off by 2 ms."""
+    rng = np.random.default_rng(100 + seed)
+    noise = 10 ** rng.uniform(-5.0, -4.0)
+    t, h, flights = hops(rng, rate=rng.choice([200.0, 500.0, 1000.0]), noise=noise)
+    clock = np.arange(0.0, t[-1], 1e-3)
+    assert doubts(t, h, clock + 0.002, contact_of(clock, flights), noise) == []
+
+
+@pytest.mark.parametrize("kind", ["single", "stutter", "sine"])
+def test_a_log_of_the_other_sign_is_named(kind):
+    law = Actuation(kind=kind, frequency=6.0, amplitude=0.01, start=0.2)
+    t = np.arange(0.0, 1.0, 1e-3)
+    turn = 2.0 * math.pi * 6.0 * np.clip(t - 0.2, 0.0, 1.0 / 6.0) + law.start_phase
+    x = 0.01 * (np.sin(turn) - math.sin(law.start_phase)) + np.random.default_rng(1).normal(0.0, 5e-5, t.size)
+    assert [d.kind for d in driven(law, t, -x)] == ["motor log negated"]
+    assert list(driven(law, t, x)) == []
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    """Two jumps of the samples with their campaign.toml."""
+    place = tmp_path / "c"
+    for name in ("single-6.5Hz-1", "single-6.5Hz-2"):
+        shutil.copytree(SAMPLES / "loose_sand" / name, place / name)
+    shutil.copy(SAMPLES / "loose_sand" / "campaign.toml", place)
+    return place
+
+
+def test_check_and_run_say_the_same(campaign, tmp_path, capsys):
+    file = campaign / "single-6.5Hz-1" / "rod_track.csv"
+    table = pd.read_csv(file)
+    table.assign(height_m=-table.height_m).to_csv(file, index=False)
+    said = []
+    for command in ("check", "fit"):
+        assert main([command, str(campaign), "--results", str(tmp_path / "r"), "--no-pictures"]) == 0
+        lines = capsys.readouterr().err.splitlines()
+        (line,) = {
+            x.replace(": fit: ", ": ") for x in lines if "in free flight the height is accelerated by +9.81" in x
+        }
+        said.append(line)
+    assert said[0] == said[1] and "single-6.5Hz-1" in said[0] and 'up = "+y"' in said[0]
+
+
+def test_a_copied_experiment_is_told(campaign):
+    assert list(repeated(open_folder(campaign).experiments)) == []
+    shutil.copytree(campaign / "single-6.5Hz-1", campaign / "copy")
+    (doubt,) = repeated(open_folder(campaign).experiments)
+    assert "copy and single-6.5Hz-1" in str(doubt) and doubt.recording == "rod_track"
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("rod_video.exposure", "1.0", "exposure = 1 s: longer than from one frame to the next at frame_rate = 200 Hz"),
+        ("bed.grain_density", "2.5", "grain_density = 2.5: must be in [10, 30000] kg/m^3"),
+    ],
+)
+def test_values_that_cannot_be_are_refused(key, value, words):
+    with pytest.raises(InputError) as told:
+        open_folder(SAMPLES / "loose_sand", overrides={(k := key.split("."))[0]: {k[1]: float(value)}})
+    assert any(words in p for p in told.value.problems)
+
+
+@pytest.mark.parametrize(("unit", "told"), [(1.0, 0), (1e3, 1)])
+def test_a_crater_map_in_mm_is_told(tmp_path, capsys, unit, told):
+    """A map deeper than it is wide."""
+    y, x = np.mgrid[-60:61, -60:61] * 2e-3
+    z = -0.012 * np.exp(-(x**2 + y**2) / (2 * 0.03**2)) + np.random.default_rng(2).normal(0.0, 2e-4, x.shape)
+    (tmp_path / "experiment.toml").write_text(
+        'schema = 1\nground = "granular"\n[crater_depth]\nfile = "crater.npz"\nscale = 0.002\n'
+    )
+    np.savez(tmp_path / "crater.npz", z=unit * z)
+    assert main(["crater", str(tmp_path), "--results", str(tmp_path / "r"), "--no-pictures"]) == 0
+    assert capsys.readouterr().err.count("m wide: in mm? then give height_scale = 0.001") == told
