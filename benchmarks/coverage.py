@@ -22,9 +22,9 @@ import numpy as np
 from jumpvision.base.arrays import Z90
 from jumpvision.engine.document.measured import motions_alone
 from jumpvision.engine.fitting import Fit, Problem
-from jumpvision.engine.naming import best_starts, race
 from jumpvision.engine.order import Findings, diagnose, fit_baseline
 from jumpvision.engine.priors import Measured
+from jumpvision.engine.search import best_starts, race
 from jumpvision.engine.system import Parameter
 from jumpvision.experiment.campaign import films
 from jumpvision.jumper.question.jumper import Jumper

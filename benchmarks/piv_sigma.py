@@ -5,7 +5,7 @@
 
 Drawn grains of 6-8 px (5-13 px in eddies) and particles of 3 px, 256 x 328 px, window 24 px, vectors every 8 px, all
 vectors up to the edge of the picture. Share of errors within one and two sigma, 68 and 95 % where it is true; u and v,
-all seeds together. Errors of vectors drawn together are alike over many vectors: of a field moved as a whole a picture
+all seeds together. Errors of smoothed vectors are alike over many vectors: of a field moved as a whole a picture
 holds some tens of independent ones, so such a row is sure to 3-5 %.
 """
 
@@ -85,7 +85,7 @@ def families(seed: int) -> dict[str, tuple[Truth, Callable[[Truth, int], Pair]]]
 
 
 def covered(truth: Truth, pictures: Pair, noise: float, seed: int) -> tuple[Array, Array, float]:
-    """|error| over sigma of the vectors as matched and drawn together, and these errors' mean square [px^2]."""
+    """|error| over sigma of unsmoothed and smoothed vectors, and these errors' mean square [px^2]."""
     rng = np.random.default_rng(seed)
     f = piv_pair(*(camera(i, noise, rng) for i in pictures), **SETTINGS)
     true = np.stack(truth(*np.meshgrid(f.x, f.y)))
@@ -97,7 +97,7 @@ def covered(truth: Truth, pictures: Pair, noise: float, seed: int) -> tuple[Arra
 
 def main() -> None:
     seeds = [int(q) for q in sys.argv[1:]] or [201, 202, 203]
-    print("Within 1 sigma (2 sigma), %: vectors as matched; drawn together; rms error of these [px].\n")
+    print("Within 1 sigma (2 sigma), %: unsmoothed vectors; smoothed; rms error of these [px].\n")
     print(f"| field | {' | '.join(f'noise {n}: matched | drawn | rms' for n in NOISES)} |")
     print("|---" * (1 + 3 * len(NOISES)) + "|")
     pictures = {}

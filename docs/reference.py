@@ -64,10 +64,11 @@ def stub() -> str:
     stages = results_stages()
     lines = [
         "# made by `python docs/reference.py`",
-        "from collections.abc import Callable",
+        "from collections.abc import Callable, Iterable",
         "from typing import Any, overload",
         "import pandas as pd",
         "import xarray as xr",
+        "from numpy.typing import ArrayLike",
         "from .api import Folder, PathLike",
         *(f"from .{module} import {name} as {name}" for name, module in (jumpvision.VERBS | jumpvision.TYPES).items()),
         *(f"from {s.output.__module__} import {s.output.__name__}" for s in stages),

@@ -8,7 +8,7 @@ from test_ball import BACK, CONTRAST, ball_image
 
 from jumpvision.films.vision.ball import disc
 from jumpvision.films.vision.ball.film import track_film
-from jumpvision.films.vision.ball.sums import BLOCK, RES, ROOM, _bell, accumulate, pixels_in_use
+from jumpvision.films.vision.ball.normal_equations import BLOCK, RES, ROOM, Zone, _bell, accumulate, pixels_in_use
 from jumpvision.films.vision.ball.track import BallSettings
 
 NOISE = np.array([4.0, 4.0, 0.0])
@@ -22,12 +22,12 @@ def test_pixels_in_use_are_those_of_the_zone_and_find_room():
     rows, columns = np.indices(image.shape)
     for k in range(60):
         w = rng.normal(0.0, 6.0, 2) * (k % 2)
-        zone = np.array([rng.uniform(-5, 57), rng.uniform(-5, 52), rng.uniform(1.5, 20), *w, 0.0, rng.uniform(0.1, 4)])
-        zone[5] = rng.uniform(0.1, 1.0) * zone[2]
+        zone = Zone(rng.uniform(-5, 57), rng.uniform(-5, 52), rng.uniform(1.5, 20), *w, 0.0, rng.uniform(0.1, 4))
+        zone = zone._replace(inside=rng.uniform(0.1, 1.0) * zone.radius)
         ends = np.linspace(-0.5, 0.5, 2001)
-        reach = np.hypot(columns[..., None] - zone[0] - ends * w[0], rows[..., None] - zone[1] - ends * w[1])
+        reach = np.hypot(columns[..., None] - zone.x - ends * w[0], rows[..., None] - zone.y - ends * w[1])
         nearest, farthest = reach.min(-1), reach.max(-1)
-        r_in, r_out = zone[2] - zone[5], zone[2] + zone[6]
+        r_in, r_out = zone.radius - zone.inside, zone.radius + zone.outside
         sure = np.isfinite(image) & (nearest < r_out - 1e-3) & (farthest > r_in + 1e-3)
         maybe = np.isfinite(image) & (nearest < r_out + 1e-3) & (farthest > r_in - 1e-3)
         for every in (1, 3):
@@ -35,7 +35,7 @@ def test_pixels_in_use_are_those_of_the_zone_and_find_room():
             at = (y.astype(int), x.astype(int))
             taken = np.zeros(image.shape, dtype=bool)
             taken[at] = True
-            first = max(0, int(np.floor(zone[1] - abs(w[1]) / 2 - r_out)))
+            first = max(0, int(np.floor(zone.y - abs(w[1]) / 2 - r_out)))
             line = (rows >= first) & ((rows - first) % every == 0)
             assert np.array_equal(value, image[at]) and taken.sum() == len(x)
             assert not (sure & line & ~taken).any() and not (taken & ~(maybe & line)).any()
@@ -50,7 +50,7 @@ def test_bell_is_the_exponential():
 def test_normal_equations_are_the_slopes_of_the_model(n_par):
     """h and g against differences of the model itself: the residual's change with each parameter, at no noise."""
     p = np.array([30.3, 29.6, 15.2, 0.8, 30.0, 180.0, 0.5, -0.75, 1.0, 0.25, 3.0, 1.5])
-    pixels = pixels_in_use(np.zeros((60, 61)), np.array([30.3, 29.6, 15.2, 3.0, 1.5, 6.0, 4.0]), 1)
+    pixels = pixels_in_use(np.zeros((60, 61)), Zone(30.3, 29.6, 15.2, 3.0, 1.5, 6.0, 4.0), 1)
     assert pixels.shape[1] > 2 * BLOCK  # more than one block, the last one not full
     h, g, work = np.zeros((12, 14)), np.zeros(12), np.empty(ROOM)
     unused = np.zeros((3, 6)), np.zeros((4, 16))

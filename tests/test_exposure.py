@@ -9,10 +9,10 @@ from test_ball import BACK, CONTRAST, ball_image, camera, track
 
 import jumpvision as jv
 from jumpvision.estimate.height import exposure_shift, shift_noise, shift_sigma
-from jumpvision.experiment.inputs.parameters import TrackParams
 from jumpvision.experiment.inputs.sections import RodVideo
 from jumpvision.experiment.stages.track import at_mid_exposure, from_film
 from jumpvision.experiment.workflow.stage import StageWarning
+from jumpvision.films.parameters import TrackParams
 
 RATE, T = 200.0, 0.004  # exposed for 80 % of a frame
 

@@ -47,7 +47,7 @@ def sweep(tmp_path_factory):
 def drawn(results, tmp_path_factory):
     """All figures of the results by name, as saved, and the files."""
     folder, figures = tmp_path_factory.mktemp("pdf"), {}
-    for name, (_, draw) in available(results).items():
+    for name, (_, _, draw) in available(results).items():
         with printed() as Figure:
             figures[name] = draw(Figure)
             save(figures[name], folder / f"{name}.pdf")
@@ -214,7 +214,7 @@ def told(axis, which):
 def test_every_panel_has_its_letter_every_axis_its_name_and_every_line_its_legend(results, sweep):
     seen = 0
     for source in (results, sweep):
-        for name, (_, draw) in available(source).items():
+        for name, (_, _, draw) in available(source).items():
             with printed() as Figure:
                 figure = lettered(draw(Figure))
             panels = [a for a in figure.axes if not hasattr(a, "_colorbar")]

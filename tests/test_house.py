@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import io
 import re
 import resource
 import subprocess
@@ -11,6 +12,7 @@ import tomllib
 
 import pytest
 from house_counts import DOORS, ROOT, circles, imports, loaded, modules, upward, wings
+from rich.console import Console
 
 CORE = [n for n in modules() if n.split(".")[1:2] and 2 <= wings()[n.split(".")[1]].floor <= 4]
 LABORATORY = [n for n in modules() if n.startswith("jumpvision.laboratory") and ".dem" not in n]
@@ -36,6 +38,14 @@ def test_a_function_of_arrays_loads_what_it_needs(door):
     """No stage, no page, no laboratory: what a door opens on is read in an afternoon."""
     files, lines = loaded(DOORS[door])
     assert files <= 45 and lines <= 10_000
+
+
+def test_the_door_of_the_films_opens():
+    from jumpvision import films
+
+    assert all(getattr(films, name).__doc__ for name in films.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'pvi'"):
+        films.pvi  # noqa: B018
 
 
 @pytest.mark.parametrize("name", LABORATORY)
@@ -110,3 +120,15 @@ def test_the_conda_recipe_needs_what_pyproject_does():
     (run,) = re.findall(r"\n  run:\n((?:    - .*\n)+)", recipe)
     assert dict(line.removeprefix("    - ").split(" ", 1) for line in run.splitlines()) == wanted
     assert f'version: "{project["version"]}"' in recipe
+
+
+@pytest.mark.parametrize("command", ["sweep", "plan", "dem", "rft", "init", "explore", "run"])
+def test_help_of_a_command_says_every_option(command):
+    """A group that is None would hide an option."""
+    from jumpvision.cli import application
+
+    app = application()[command]
+    said = io.StringIO()
+    app.help_print(console=Console(file=said, width=200))
+    names = {n for a in app.assemble_argument_collection() if a.parameter.show is not False for n in a.names}
+    assert len(names) > 5 and [n for n in names if n.startswith("--") and n not in said.getvalue()] == []

@@ -76,7 +76,7 @@ def test_a_log_that_begins_in_contact_takes_its_depth_as_it_stands():
 def test_reintrusions_are_found_proportional_to_depth():
     moves = [m for z in np.arange(0.006, 0.058, 0.006) for m in (("to", z), ("to", -0.003))] + DOWN
     r = fitted(moves, Grains(fluctuation=0.1))
-    b, fits = r.told.model.bins, r.fits
+    b, fits = r.likelier.model.bins, r.fits
     assert b.event_kind == ("reintrusion",) * 9 and np.isnan(b.event_pause).all()
     assert b.event_depth == pytest.approx(np.arange(0.006, 0.058, 0.006), abs=1e-5)
     for name, true in (("lam", 0.004), ("s", 300.0), ("s_intercept", 0.0), ("s_exponent", 1.0)):
@@ -87,7 +87,7 @@ def test_reintrusions_are_found_proportional_to_depth():
 def test_stop_and_go_knows_its_pauses_and_their_effect():
     moves = [m for i, z in enumerate(np.arange(0.005, 0.06, 0.005)) for m in (("to", z), ("pause", (0.2, 1, 5)[i % 3]))]
     r = fitted([*moves, *DOWN], Grains(fluctuation=0.1, per_decade=60.0))
-    b = r.told.model.bins
+    b = r.likelier.model.bins
     assert set(b.event_kind) == {"stop_go"}
     assert b.event_pause[:3] == pytest.approx([0.2, 1.0, 5.0], abs=0.01)  # to some samples of 2 ms
     near(r.fits["s_p"], 200.0)
@@ -107,7 +107,7 @@ def test_steps_of_a_millimetre_do_not_bias_the_overshoots():
 
 @pytest.mark.long
 def test_repeated_stops_compound_where_they_do():
-    """Steps of 1 and 6 mm in turn: what is left of the last overshoot differs, so c is told apart from s."""
+    """Steps of 1 and 6 mm in turn: what is left of the last overshoot differs, so c is likelier apart from s."""
     at = np.cumsum([0.008] + [0.001, 0.006] * 7)
     moves = [m for z in at for m in (("to", z), ("pause", 0.5))] + [("to", at[-1] + 0.01)]
     grains = Grains(fluctuation=0.02, build_up=1e-4)

@@ -9,8 +9,11 @@ from __future__ import annotations
 import ctypes
 import json
 import math
+import os
+import pickle
 import shutil
 import subprocess
+import sys
 
 import casadi
 import numpy as np
@@ -267,6 +270,10 @@ def test_named_parts_of_a_law():
     assert law(np, z=0.1, own_a=0.2, own_q=2.0) == 0.0
     with pytest.raises(LawError, match="made of itself"):
         parse("a", {}, {"a": "b + 1", "b": "a"})
+    with pytest.raises(LawError, match="let z: is no new name"):
+        parse("z", {"z": "z"}, {"z": "1"})
+    with pytest.raises(LawError, match=r"let depth = 'z \+': not a formula"):
+        parse("depth", {"z": "z"}, {"depth": "z +"})
     with pytest.raises(LawError, match="steps with its parts"):
         parse("a19", {"z": "z"}, {"a0": "z + z"} | {f"a{k + 1}": f"a{k} * a{k}" for k in range(19)})
 
@@ -305,3 +312,14 @@ def test_kinks_are_where_a_law_bends():
 
 def test_the_page_has_the_laws_of_the_package():
     assert demo.TARGET.read_text("utf-8") == demo.module(), "run python -m jumpvision.browser.demo.laws"
+
+
+def test_a_tree_from_another_process_is_the_same_tree():
+    """Its hash does not depend on the process, so that parts of both are found in one dictionary."""
+    code = "import pickle, sys; from jumpvision.engine.laws.expression import parse; "
+    code += "sys.stdout.buffer.write(pickle.dumps(parse('-q * exp(-z / q)', {n: n for n in 'qz'}).root))"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, check=True, env={"PYTHONHASHSEED": "1", **os.environ}
+    )
+    other, here = pickle.loads(done.stdout), parse("-q * exp(-z / q)", {n: n for n in "qz"}).root
+    assert {other: 1} == {here: 1} and derivative(other, "z") == derivative(here, "z")

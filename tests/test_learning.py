@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import later
-from jumpvision.engine.noise.sources import of_stretches
 
 from benchmarks.diagnosis import jumps_of
 from jumpvision.engine.detect import Span, detect, directions
@@ -26,6 +25,7 @@ from jumpvision.jumper.question import jumps as apparatus
 from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.jumps import Shared
 from jumpvision.jumper.question.learning import learn_noise
+from jumpvision.jumper.question.sources import of_stretches
 from jumpvision.laboratory.blind import Nuisance, campaign, draw
 
 FRAME = 0.005

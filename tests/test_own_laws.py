@@ -242,6 +242,20 @@ def test_a_division_by_zero_at_rest_is_refused_with_its_symbol():
     assert len(problems) == 1 and "not finite at rest" in problems[0] and "v = z = 0" in problems[0]
 
 
+def test_a_law_in_a_file_has_named_parts():
+    table = {**CREEP, "law": "q * side * deep", "let": {"side": "sign(v) * sqrt(abs(v))", "deep": "maximum(z, 0)"}}
+    found, problems = read_own({"creep": table}, "f: [mechanism]")
+    whole, _ = read_own({"creep": {**CREEP, "law": "q * (sign(v) * sqrt(abs(v))) * maximum(z, 0)"}}, "f: [mechanism]")
+    assert not problems and found["creep"].expression.root == whole["creep"].expression.root
+    for let, said in (
+        (3, "must be a table of texts"),
+        ({"deep": "z +"}, "let deep = 'z +'"),
+        ({"z": "1"}, "no new name"),
+    ):
+        _, problems = read_own({"creep": {**table, "law": "q * deep", "let": let}}, "f: [mechanism]")
+        assert len(problems) == 1 and said in problems[0]
+
+
 def test_every_table_of_a_mechanism_is_checked_at_once():
     table = {
         "acts_on": "leg",

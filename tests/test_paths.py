@@ -206,8 +206,8 @@ def errors_of_uniform(table, frames):
 
 @pytest.fixture(scope="module")
 def carried():
-    """(errors, sigmas) by flow and noise after each of 20 frames, two noises each, with vectors as matched and as
-    drawn together."""
+    """(errors, sigmas) by flow and noise after each of 20 frames, two noises each, with unsmoothed vectors and as
+    smoothed."""
     found = {}
     for name, flow in FLOWS.items():
         images = film(flow, 21, np.random.default_rng([70, *name.encode()]))

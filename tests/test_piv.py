@@ -238,7 +238,7 @@ def scattered(motion, seed, diameter=3, number=1500):
 
 
 def coverage(motion, pairs, noise, **settings):
-    """Shares of errors within one sigma, of vectors as matched and drawn together."""
+    """Shares of errors within one sigma, of unsmoothed vectors and smoothed."""
     z = [], []
     for k, pair in enumerate(pairs):
         f = piv_pair(*(camera(i, noise, np.random.default_rng(100 * k + j)) for j, i in enumerate(pair)),
@@ -249,7 +249,7 @@ def coverage(motion, pairs, noise, **settings):
     return tuple(np.mean(np.concatenate(q)) for q in z)
 
 
-# a picture holds some 100 independent errors as matched: of two, two components, 0.683 +- 3 x 0.023
+# a picture holds some 100 independent errors unsmoothed: of two, two components, 0.683 +- 3 x 0.023
 @pytest.mark.parametrize("slope", [1 / 3, 1.0])
 def test_sigma_knows_what_a_window_does_not_resolve(slope):
     """Spectra of slope 5/3 and 3 down to waves of 12 px: noise alone would cover 51 %."""
@@ -438,7 +438,7 @@ def test_white_noise_is_told_from_grains_and_particles(noise, diameter):
 
 def test_turbulence_that_a_window_does_not_resolve_is_left_as_matched():
     """Forty waves of 16 to 120 px, 1.5 px in all, particles of 3 px: windows leave errors of tenths of a pixel, which
-    no neighbour knows; drawn together they may lose 2 % at most."""
+    no neighbour knows; smoothed they may lose 2 % at most."""
     motion = forty_waves(16, 120, 0, 5)
     pair = [camera(i, 1, np.random.default_rng(k)) for k, i in enumerate(scattered(motion, 5))]
     f = piv_pair(*pair, **SETTINGS)
@@ -531,7 +531,7 @@ def test_the_strong_prefilter_is_for_sharp_pictures_without_noise(monkeypatch):
 
 @pytest.mark.parametrize("noise", [0, 2])
 def test_the_chosen_prefilter_is_the_better_one(noise):
-    """By at least 5 %, the margin of the choice, against the one not chosen; of the vectors as matched."""
+    """By at least 5 %, the margin of the choice, against the one not chosen; of the unsmoothed vectors."""
     pair = fine_particles(noise)
     light, strong, chosen = (
         np.nanmean(np.hypot(f.u - 0.3 - 0.01 * (f.y - 80)[:, None], f.v + 0.3)[2:-2, 2:-2])

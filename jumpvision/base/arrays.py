@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 Image = NDArray[Any]  # (rows, columns) grey, or (rows, columns, 3), at the depth it was recorded with
-Numbers = NDArray[Any]  # of any type: integers, floats, marks
+AnyArray = NDArray[Any]  # of any type: integers, floats, marks
 
 MAD = 0.6745  # median absolute deviation of a normal distribution over its standard deviation
 FROM_MAD = 1.4826  # the other way round
 Z90, Z95 = 1.645, 1.960  # half widths of 90 % and 95 % intervals of a normal error, in sigmas
-SOBOL = 8  # log2 of the points by which more than one end is integrated over
 
 
 def measured(value: float | None, sigma: float | None, factor: float = 1.0) -> str:
@@ -67,7 +66,8 @@ def log_box(mean: Array, covariance: Array, low: Array, high: Array) -> float:
         return 0.0
     root = np.linalg.cholesky(covariance)
     a, b = (low - mean) / np.diag(root), (high - mean) / np.diag(root)
-    points = Sobol(mean.size, seed=0).random_base2(SOBOL if mean.size > 1 else 0)
+    # 2^8 points, where more than one end is integrated over
+    points = Sobol(mean.size, seed=0).random_base2(8 if mean.size > 1 else 0)
     drawn, log = np.zeros(points.shape), np.zeros(len(points))
     for k in range(mean.size):
         off = drawn[:, :k] @ root[k, :k] / root[k, k]

@@ -8,15 +8,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
-ROWS = 8  # of a long table that are shown
-
 
 def record(record: Any) -> str:
     """A record's values, table or data set, and the figures that a notebook's record can draw."""
     if hasattr(record, "values"):
         body = values(record.values)
     elif hasattr(record, "table"):
-        body = record.table.to_html(max_rows=ROWS, border=0)
+        body = record.table.to_html(max_rows=8, border=0)  # rows of a long table
     else:
         body = record.field._repr_html_()
     return page(f"{type(record).__name__} ({record.file})", body, getattr(record, "pictures", list)())

@@ -18,7 +18,6 @@ from . import compiling
 
 T = TypeVar("T")
 
-PIECES = 8  # a thread: rows differ in work
 
 _limit: int | None = None  # of `at_most`
 _pool: concurrent.futures.ThreadPoolExecutor | None = None
@@ -54,7 +53,7 @@ def shared(**options: Any) -> Callable[[Callable[..., None]], Callable[..., None
 
         @functools.wraps(f)
         def call(rows: int, *arguments: Any) -> None:
-            size = max(1, -(-rows // (PIECES * threads())))
+            size = max(1, -(-rows // (8 * threads())))  # eight pieces a thread: rows differ in work
             starts = range(0, rows, size)
             at_once([functools.partial(compiled, k, min(k + size, rows), *arguments) for k in starts])
 

@@ -22,9 +22,11 @@ ABOUT = (
 app = App(name="jumpvision", help="\n\n".join(ABOUT), version=__version__)
 
 
-def option(help: str, group: str | None = None) -> Parameter:
-    """What help says of an option, and under which head."""
-    return Parameter(help=help, group=group)
+def option(help: str, group: str | None = None, negative: str | None = None) -> Parameter:
+    """What help says of an option, and under which head; negative: "" for one that has no --no- of its own."""
+    if group is None:  # a group that is given as None hides the option
+        return Parameter(help=help)
+    return Parameter(help=help, group=group, negative=negative)
 
 
 @Parameter(name="*", show_default=False)

@@ -47,7 +47,6 @@ EXTRAS = {  # package: what it is for, the extra that installs it
 }
 CODECS = ("ffv1", "h264", "hevc", "mjpeg", "png", "rawvideo", "vp8", "vp9")
 FILMS = "libvpx"  # writes track.webm and piv.webm
-LITTLE = 2.0  # GB of free disk, below which a campaign's cache may not fit
 Finding = tuple[str, str, str]  # what, found, remedy ("" where nothing lacks)
 
 
@@ -133,7 +132,8 @@ def disk(folder: Path) -> list[Finding]:
     for what, place, option in places:
         free = shutil.disk_usage(place).free / 1e9
         writable = os.access(place, os.W_OK)
-        lacks = "not writable" if not writable else "little left" if free < LITTLE else ""
+        # below 2 GB of free disk a campaign's cache may not fit
+        lacks = "not writable" if not writable else "little left" if free < 2.0 else ""
         found = f"{place.absolute()}: {free:.1f} GB free" + (f", {lacks}" if lacks else "")
         prune = "; jumpvision cache RESULTS --older-than 30d makes room" if writable else ""
         out.append((what, found, f"name another folder with {option}{prune}" if lacks else ""))

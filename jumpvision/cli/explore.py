@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from .app import DONE, OPTIONS, Options, app, cores
+from .app import DONE, OPTIONS, Options, app, cores, option
 from .folders import work
 
 if TYPE_CHECKING:
@@ -20,12 +21,8 @@ if TYPE_CHECKING:
 SEED = 1  # of what the laboratory records, beside the number of the folder
 
 
-def _rule(text: str) -> Parameter:
-    return Parameter(help=text, group="When to stop, what it costs")
-
-
-def _beside(text: str) -> Parameter:
-    return Parameter(help=text, negative="", group="What is offered beside the usual jumps")
+_rule = partial(option, group="When to stop, what it costs", negative="")
+_beside = partial(option, group="What is offered beside the usual jumps", negative="")
 
 
 @Parameter(name="*")
@@ -39,11 +36,7 @@ class RuleOptions:
     batch: Annotated[int, _rule("Experiments at a time.")] = 1
     cost: Annotated[
         tuple[str, ...],
-        Parameter(
-            negative="",
-            group="When to stop, what it costs",
-            help="Of a kind, e.g. delayed_stutter=2, 'grain film=10', elsewhere=3; a jump costs 1.",
-        ),
+        _rule("Of a kind, e.g. delayed_stutter=2, 'grain film=10', elsewhere=3; a jump costs 1."),
     ] = ()
     elsewhere: Annotated[
         tuple[str, ...],
@@ -210,16 +203,15 @@ def _lift_off(path: Path, asked_for: str, options: Options) -> list[Path]:
 
 def _perform(path: Path, folders: list[Path]) -> None:
     """The recordings of prepared folders, by the virtual laboratory."""
-    import tomllib
-
     from jumpvision.experiment.inputs.experiment import folder_of
+    from jumpvision.experiment.inputs.model import tables_of
     from jumpvision.laboratory.seal import record_jump
 
     from . import terminal
 
     campaign = folder_of(path)
     for folder in folders:
-        motion = tomllib.loads((folder / "protocol.toml").read_text(encoding="utf-8"))["actuation"]
+        motion = tables_of(folder / "protocol.toml")["actuation"]
         number = 10_000 + len([f for f in campaign.iterdir() if f.is_dir()])
         made = record_jump(campaign, folder, motion, seed=SEED, number=number)
         terminal.line(f"{folder.name}: recorded by the laboratory: {', '.join(made)}")

@@ -177,7 +177,7 @@ def figures(
     if not source.exists():
         raise InputError([f"{source}: no results there; run `jumpvision run {path}` first, or give --results"])
     if list_:
-        rows = [{"figure": name, "shows": text} for name, (text, _) in available(source).items()]
+        rows = [{"figure": o.name, "shows": o.shows} for o in available(source).values()]
         show.result(rows, rows, as_json=json)
         return DONE
     folder = out or (source if source.is_dir() else source.parent) / "figures"

@@ -163,9 +163,6 @@ def _is_number(value: Any) -> bool:
     return True
 
 
-CERTAIN = 6.0  # log10 of odds: more says nothing
-
-
 def verdict(diagnosis: Diagnosis) -> list[str]:
     """The sentence, and what confirms it."""
     return [text for text in (diagnosis.sentence, diagnosis.confirmed) if text]
@@ -221,7 +218,7 @@ def diagnosis(found: Diagnosis, campaign: Campaign, made: list[Path], *, as_json
     if found.could_hide:
         line(found.could_hide)
     if n := found.next_experiment:
-        far = n.expected_log10_odds >= CERTAIN
+        far = n.expected_log10_odds >= 6.0  # larger odds than 10^6 say nothing more
         odds = "beyond doubt, it is expected" if far else f"odds of {10**n.expected_log10_odds:.2g} expected"
         line(f"next experiment: {n.words} separates {' from '.join(n.separates)} ({odds})")
     line("written: " + ", ".join(str(f) for f in made))

@@ -9,24 +9,26 @@ from importlib import import_module
 from typing import Any
 
 NAMES = {  # name: the module that has it
-    "open_frames": "frames",
-    "Film": "frames",
-    "FrameError": "frames",
+    **dict.fromkeys(("open_frames", "Film", "FrameError"), "frames"),
     "track": "arrays.track",
     "triangulate": "arrays.space",
     "piv": "arrays.piv",
     "paths": "arrays.paths",
     "bed": "arrays.bed",
     "crater": "arrays.crater",
-    "TrackParams": "parameters",
-    "PivParams": "parameters",
-    "PathsParams": "parameters",
-    "BedParams": "parameters",
-    "CraterParams": "parameters",
+    **dict.fromkeys(("TrackParams", "PivParams", "PathsParams", "BedParams", "CraterParams"), "parameters"),
+    "track_film": "vision.ball.film",
+    **dict.fromkeys(("BallSettings", "BallTrack"), "vision.ball.track"),
+    **dict.fromkeys(("piv_film", "piv_pair"), "vision.piv.engine"),
+    "VectorField": "vision.piv.pair",
+    "VectorGrid": "grains.grid",
+    **dict.fromkeys(("Camera", "camera"), "vision.camera"),
+    **dict.fromkeys(("Pinhole", "pinhole"), "vision.stereo"),
 }
 
 
 def __getattr__(name: str) -> Any:
+    """A public name, from its module."""
     if name == "__all__":
         return sorted(NAMES)
     if name not in NAMES:

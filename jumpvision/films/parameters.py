@@ -117,8 +117,8 @@ class PivParams(Params):
     smooth: str = param(
         "adaptive",
         "",
-        "adaptive: draw vectors together where they differ only by their noise; u_matched and v_matched keep them as "
-        "they were, for means and fits",
+        "adaptive: smooth vectors where they differ only by their noise; u_matched and v_matched keep the unsmoothed "
+        "ones, for means and fits",
         choices=("none", "adaptive"),
     )
     backend: str = param(

@@ -79,9 +79,7 @@ def styled() -> Iterator[NewFigure]:
 
 
 COLUMN, PAGE = 89.0, 183.0  # mm, widths of one and two columns
-WIDE = 6.7  # inches: a figure drawn wider than this takes two columns
 FORMATS = ("pdf", "svg", "png")
-INCH = 25.4
 
 RC: dict[RcKeyType, Any] = {
     "font.size": 7,
@@ -120,7 +118,8 @@ def printed() -> Iterator[NewFigure]:
     with styled() as new, matplotlib.rc_context(RC):
 
         def sized(figsize: tuple[float, float], **more: bool | str) -> Figure:
-            width = (PAGE if figsize[0] > WIDE else COLUMN) / INCH
+            # a figure drawn wider than 6.7 inches takes two columns
+            width = (PAGE if figsize[0] > 6.7 else COLUMN) / 25.4
             return new(figsize=(width, figsize[1] * width / figsize[0]), **more)
 
         yield sized

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from jumpvision.base.schema import InputError, closest
 from jumpvision.engine.document.diagnosis import Diagnosis
@@ -33,7 +33,13 @@ from jumpvision.thesis.studies.study import studies
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Draw = Callable[[NewFigure], "Figure"]  # what makes a figure -> the figure
+
+class Offered(NamedTuple):
+    """A figure: its name, what it shows, and what makes it."""
+
+    name: str
+    shows: str
+    draw: Callable[[NewFigure], Figure]
 
 
 @dataclass(frozen=True)
@@ -63,119 +69,112 @@ class Results:
         return Summary.load(self.experiments[name])
 
 
-def available(source: Path) -> dict[str, tuple[str, Draw]]:
-    """{name: (what it shows, how to draw it)} of a results folder or a NetCDF file of a sweep."""
+def available(source: Path) -> dict[str, Offered]:
+    """The figures by name, of a results folder or a NetCDF file of a sweep."""
+    return {o.name: o for o in _offered(source)}
+
+
+def _offered(source: Path) -> Iterator[Offered]:
     if source.is_file():
-        return dict([of_sweep(source)])
-    made = dict(of_results(Results(source)))
+        yield of_sweep(source)
+        return
+    yield from of_results(Results(source))
     swept = {s.file: source / s.file for s in studies().values()}
-    made |= dict(of_sweep(file) for _, file in sorted(swept.items(), reverse=True) if file.exists())
-    return made | dict(of_sweep(file) for name in swept for file in sorted(source.glob(f"{Path(name).stem}-*.nc")))
+    yield from (of_sweep(file) for _, file in sorted(swept.items(), reverse=True) if file.exists())
+    yield from (of_sweep(file) for name in swept for file in sorted(source.glob(f"{Path(name).stem}-*.nc")))
 
 
-def of_sweep(file: Path) -> tuple[str, tuple[str, Draw]]:
+def of_sweep(file: Path) -> Offered:
     """The figure of a sweep or a comparison."""
     data = read_sweep(file)
     told = origin_of(data)
     own = file.stem if "-" in file.stem else f"sweep-{told.analysis}"  # one that another has taken the name of
-    return own, (f"{told.ground} ground: {told.analysis}", lambda F: sweep_figure(data, F))
+    return Offered(own, f"{told.ground} ground: {told.analysis}", lambda F: sweep_figure(data, F))
 
 
-def of_results(r: Results) -> Iterator[tuple[str, tuple[str, Draw]]]:
+def of_results(r: Results) -> Iterator[Offered]:
     """The figures of experiments and campaigns."""
     if any(j["jump_height_m"] is not None and j["frequency_hz"] is not None for j in r.jumps):
-        yield "heights", ("jump heights against frequency, measured and simulated", lambda F: heights(r.jumps, F))
+        yield Offered(
+            "heights", "jump heights against frequency, measured and simulated", lambda F: heights(r.jumps, F)
+        )
     if tracked := r.having(RodMotion.file):
         chosen = of_each_kind(r, tracked)
-        yield (
+        yield Offered(
             "tracks",
-            (
-                "rod height against time beside the simulation, of each kind of jump the highest",
-                lambda F: tracks([track(n, r.experiments[n]) for n in chosen], F),
-            ),
+            "rod height against time beside the simulation, of each kind of jump the highest",
+            lambda F: tracks([track(n, r.experiments[n]) for n in chosen], F),
         )
     if (r.folder / Diagnosis.file).exists():
         diagnosis = Diagnosis.load(r.folder)
-        yield "diagnosis", ("heights, where the model fails, and the gain held out", lambda F: gains(diagnosis, F))
+        yield Offered(
+            "diagnosis", "heights, where the model fails, and the gain held out", lambda F: gains(diagnosis, F)
+        )
     yield from of_grains(r)
     for name, folder in r.having(Intrusion.file).items():
         yield of_intrusion(name, folder, "" if len(r.experiments) == 1 else f"-{name}")
     if rows := intrusions_of(r):
-        yield (
+        yield Offered(
             "resistances",
-            (
-                "resistances, bend and oscillations against packing; feet beside the cone",
-                lambda F: resistances(rows, intrusion_laws(rows), F),
-            ),
+            "resistances, bend and oscillations against packing; feet beside the cone",
+            lambda F: resistances(rows, intrusion_laws(rows), F),
         )
     craters = [c for c in craters_of(r.having(CraterShape.file)) if c.volume_fraction is not None]
     if len(craters) > 1:
-        yield (
+        yield Offered(
             "craters",
-            (
-                "volume change against packing, and where it is zero",
-                lambda F: critical(craters, zero_crossing(craters), F),
-            ),
+            "volume change against packing, and where it is zero",
+            lambda F: critical(craters, zero_crossing(craters), F),
         )
     motors = [Driven.of(row) for row in table(r.folder / files.ACTUATOR)]
     if len({m.frequency for m in motors}) > 2:
         what = "amplitude ratio and lag of the actuator"
-        yield "actuator", (what, lambda F: actuator(motors, actuator_bandwidth(motors), F))
+        yield Offered("actuator", what, lambda F: actuator(motors, actuator_bandwidth(motors), F))
 
 
-def of_intrusion(name: str, folder: Path, end: str) -> tuple[str, tuple[str, Draw]]:
+def of_intrusion(name: str, folder: Path, end: str) -> Offered:
     """The figure of one slow intrusion."""
     what = f"force against depth, fit and overshoots: {name}"
-    return f"intrusion{end}", (what, lambda F: single(Intrusion.load(folder), F))
+    return Offered(f"intrusion{end}", what, lambda F: single(Intrusion.load(folder), F))
 
 
-def of_grains(r: Results) -> Iterator[tuple[str, tuple[str, Draw]]]:
+def of_grains(r: Results) -> Iterator[Offered]:
     """Figures from grain films: of each experiment that has one, and the momentum of all together."""
     filmed = r.having(Piv.file, Flow.file)
     for name, folder in r.having(Piv.file, Flow.file, Column.file).items():  # in metres, and with a foot
         yield from of_film(name, folder, "" if len(filmed) == 1 else f"-{name}")
     if filmed:
         kinds = {n: str(r.summary(n).kind) for n in filmed}
-        yield (
+        yield Offered(
             "grain-momentum",
-            (
-                "momentum of the grains against time, by kind of jump",
-                lambda F: films.momentum([(n, kinds[n], Flow.load(filmed[n]).field) for n in filmed], F),
-            ),
+            "momentum of the grains against time, by kind of jump",
+            lambda F: films.momentum([(n, kinds[n], Flow.load(filmed[n]).field) for n in filmed], F),
         )
 
 
-def of_film(name: str, folder: Path, end: str) -> Iterator[tuple[str, tuple[str, Draw]]]:
+def of_film(name: str, folder: Path, end: str) -> Iterator[Offered]:
     """The figures of one grain film; end: of their names."""
     fits = fits_of(folder)
-    yield (
+    yield Offered(
         f"grain-speed{end}",
-        (
-            f"downwards speed of the grains over the foot's: {name}",
-            lambda F: films.grain_speed(Piv.load(folder).field, Flow.load(folder).field, F),
-        ),
+        f"downwards speed of the grains over the foot's: {name}",
+        lambda F: films.grain_speed(Piv.load(folder).field, Flow.load(folder).field, F),
     )
-    yield (
+    yield Offered(
         f"shear-rate{end}",
-        (
-            f"shear rate with the cone: {name}",
-            lambda F: films.shear_rate(Flow.load(folder).field, Column.load(folder).field, F),
-        ),
+        f"shear rate with the cone: {name}",
+        lambda F: films.shear_rate(Flow.load(folder).field, Column.load(folder).field, F),
     )
-    yield (
+    yield Offered(
         f"column{end}",
-        (
-            f"central column: exponential, beta, jammed front, theta: {name}",
-            lambda F: films.column(fits, Column.load(folder), F),
-        ),
+        f"central column: exponential, beta, jammed front, theta: {name}",
+        lambda F: films.column(fits, Column.load(folder), F),
     )
     if fits.determined("cone_slope_kg_m"):
-        yield (
+        yield Offered(
             f"added-mass{end}",
-            (
-                f"added mass against depth and the cone: {name}",
-                lambda F: films.added_mass(fits, Column.load(folder), Flow.load(folder), F),
-            ),
+            f"added mass against depth and the cone: {name}",
+            lambda F: films.added_mass(fits, Column.load(folder), Flow.load(folder), F),
         )
 
 
@@ -234,7 +233,7 @@ def draw(source: Path, out: Path, only: tuple[str, ...], formats: tuple[str, ...
     files = []
     for name in only or found:
         with printed() as Figure:
-            figure = lettered(found[name][1](Figure))
+            figure = lettered(found[name].draw(Figure))
             for f in formats:
                 files.append(out / f"{name}.{f}")
                 save(figure, files[-1])

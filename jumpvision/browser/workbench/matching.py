@@ -10,7 +10,7 @@ import numpy as np
 from jumpvision.base.record import plain
 from jumpvision.base.schema import InputError
 from jumpvision.experiment.inputs.sections import BedImage, Calibration, GrainVideo
-from jumpvision.experiment.stages.grains.masks import drawn_mask
+from jumpvision.experiment.stages.grains.masks import given_mask
 from jumpvision.experiment.stages.grains.piv import Job, stride_of
 from jumpvision.experiment.stages.recordings import open_grains
 from jumpvision.experiment.workflow.stage import StageWarning
@@ -46,7 +46,7 @@ def pair(film: GrainVideo, calibration: Calibration | None, p: PivParams, i: int
         with straight as frames:
             if not 0 <= i < len(frames) - p.gap:
                 raise InputError([f"{film.path}: frame = {i}: must be in [0, {len(frames) - p.gap - 1}] for a pair"])
-            usable = drawn_mask(film, None, calibration)
+            usable = given_mask(film, None, calibration)
             light = light_of(frames, stride_of(cut, p), p)
             ends = [light(frames[k], k) for k in (0, p.gap)]
             prefilter, _ = best_prefilter(*ends, mask=usable, gap=p.gap, **matching(p))

@@ -73,6 +73,9 @@ class _Reader:
 
     def __init__(self, names: Mapping[str, str], let: Mapping[str, str]) -> None:
         self.names, self.let = names, let
+        for name in let:
+            if name in names or name in ARGUMENTS or not name.isidentifier():
+                raise LawError(f"let {name}: is no new name; call that part otherwise")
         self.parts: dict[str, Node | None] = {}  # None: being read
 
     def tree(self, text: str) -> Node:
@@ -134,7 +137,10 @@ class _Reader:
         if name in self.let:
             if name not in self.parts:
                 self.parts[name] = None
-                self.parts[name] = self.tree(self.let[name])
+                try:
+                    self.parts[name] = self.tree(self.let[name])
+                except LawError as e:
+                    raise LawError(f"let {name} = {self.let[name]!r}: {e}") from None
             if (part := self.parts[name]) is None:
                 raise LawError(f"let {name} is made of itself; write it of other names")
             return part

@@ -20,9 +20,15 @@ def value(root: Node, xp: Any, symbols: Mapping[str, Any]) -> Any:
     """The law's value; of plain numbers as IEEE arithmetic has it, without exceptions."""
     names, function = _function(root)
     given = [symbols[n] for n in names]
-    if xp is np:
-        given = [np.float64(x) if isinstance(x, float | int) else x for x in given]
-    return function(xp, *given)
+    if xp is not np:
+        return function(xp, *given)
+    try:
+        out = function(np, *given)
+    except (ZeroDivisionError, OverflowError):
+        out = 1j
+    if isinstance(out, complex):  # Python's own numbers raise, or leave the real axis
+        out = function(np, *(np.float64(x) if isinstance(x, float | int) else x for x in given))
+    return out
 
 
 def constant(root: Node) -> float:

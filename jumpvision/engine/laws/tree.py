@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import lru_cache
 
 
 class LawError(ValueError):
@@ -73,10 +75,19 @@ class Node:
         put(self, "depth", 1 + max((n.depth for n in self.of), default=0))
         own = {self.name} if self.step is Step.SYMBOL else set()
         put(self, "symbols", frozenset(own.union(*(n.symbols for n in self.of))))
-        put(self, "digest", hash((self.step.value, self.number, self.name, *(n.digest for n in self.of))))
+        put(
+            self,
+            "digest",
+            hash((*map(_whole, (self.step.value, self.name)), self.number, *(n.digest for n in self.of))),
+        )
 
     def __hash__(self) -> int:
         return self.digest
+
+
+def _whole(text: str) -> int:
+    """A number of a text that is the same in every process, as a tree may come from another one."""
+    return zlib.crc32(text.encode())
 
 
 def number(value: float) -> Node:
@@ -157,6 +168,7 @@ def with_symbols(root: Node, by: Mapping[str, Node]) -> Node:
     return replaced(root, lambda n: by.get(n.name) if n.step is Step.SYMBOL else None)
 
 
+@lru_cache(1024)  # asked for at every point of a plan
 def smooth(root: Node, size: float, width: float) -> Node:
     """The tree with abs(x) as sqrt(x^2 + size^2), sign(x) as x / sqrt(x^2 + width^2): both have derivatives at 0."""
 

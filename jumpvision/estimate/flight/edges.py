@@ -10,6 +10,7 @@ import numpy as np
 from jumpvision.base.arrays import Array
 
 from .corner import crossing, moves
+from .ground import Ground
 from .motion import POWER, Motion, Part, curvature, price, pushed, turning
 from .piece import Line, polynomial
 from .segments import FLIGHT, NUMBERS, REST
@@ -18,6 +19,7 @@ from .spring import Settings, Sprung, sprung, swings
 UNLIKE = 3.0  # sigmas by which a flight's own curvature may differ before it is fitted with it
 FEWEST = 6  # samples of a smooth motion that a flight may meet at an angle
 SOON = 0.1  # of a fall's speed that it may have after its release, where it was told from the rest
+GROUND = -9  # name of the ground among curves
 FREE = 0.3  # of gravity: what is known of a curvature that is fitted freely
 
 
@@ -43,7 +45,7 @@ class Flight:
     edges: tuple[Edge | None, Edge | None]
     curvature: tuple[float, float]
     covariances: dict[int, Array]
-    swing: bool  # whether one swing on a spring explains it and what is about it as well
+    swing: bool  # whether one swing on a spring, or a smooth motion, explains it and what is about it as well
 
     def covariance(self, a: int, other: Flight, b: int) -> float:
         """Of edge a (0 lift-off, 1 landing) with edge b of another flight [s^2]."""
@@ -51,7 +53,7 @@ class Flight:
         if first is None or second is None:
             return 0.0
         cov = self.covariances
-        both = [k for k in first.by if k in second.by and (k >= 0 or self is other)]
+        both = [k for k in first.by if k in second.by and (k >= 0 or k == GROUND or self is other)]
         return sum(float(first.by[k] @ cov[k] @ second.by[k]) for k in both if first.by[k].size == second.by[k].size)
 
 
@@ -65,8 +67,8 @@ class Beside:
     kind: str
 
 
-def flight(motion: Motion, k: int, how: Settings) -> Flight:
-    """The flight that is part k of a motion."""
+def flight(motion: Motion, k: int, how: Settings, under: Ground | None = None) -> Flight:
+    """The flight that is part k of a motion. under: the ground that its bounces have in common, where they last."""
     part, line, piece = motion.parts[k], motion.lines[k], motion.piece
     sides = [side for side in (-1, 1) if 0 <= k + side < len(motion.parts)]
     reach = turning(motion, k, -1), turning(motion, k, 1)
@@ -74,6 +76,9 @@ def flight(motion: Motion, k: int, how: Settings) -> Flight:
     if unlike(own, how):
         line = polynomial(piece.part(part.i, part.j), 3)
     beside = {side: met for side in sides if (met := corner(motion, k, side, reach, how)) is not None}
+    if under is not None:
+        on_it = [side for side in sides if (k, side) in under.bounces]
+        beside |= {side: Beside(GROUND, under.line, _border(motion, k, side), "bounce") for side in on_it}
     gradual = tuple(side for side in sides if side not in beside)
     fit = sprung(piece, (part.i, part.j), reach, gradual, how) if gradual else None
     swing = False
@@ -87,8 +92,29 @@ def flight(motion: Motion, k: int, how: Settings) -> Flight:
         swing = len(gradual) == len(sides) and swings(piece.part(*fit.window)) <= worth
     cov = line.cov if fit is None else fit.cov
     covariances = {k: cov} | {b.name: b.line.cov for b in beside.values()}
+    swing = swing or not all(pushed_up(motion, k, side) for side in gradual if fit is None or not fit.good)
     edges = tuple(_edge(motion, k, s, line, cov, beside, fit, gradual) if s in sides else None for s in (-1, 1))
     return Flight(part.i, part.j, (edges[0], edges[1]), own, covariances, swing)
+
+
+def pushed_up(motion: Motion, k: int, side: int) -> bool:
+    """Whether the motion beyond a side of flight k leaves its parabola upwards, as a ground makes it do, by POWER
+    sigmas in the mean of as many samples as half the flight has."""
+    part, line, piece = motion.parts[k], motion.lines[k], motion.piece
+    many = max(len(part) // 2, 2)
+    lo, hi = (max(part.i - many, 0), part.i) if side < 0 else (part.j, min(part.j + many, piece.t.size))
+    tau = piece.t[lo:hi] - line.origin
+    rows = tau[:, None] ** np.arange(line.p.size)
+    above = float(np.mean(piece.y[lo:hi] - rows @ line.p - line.bend * tau**2))
+    row = rows.mean(axis=0)
+    white = (1.0 + piece.rho) / (1.0 - piece.rho) / (hi - lo)
+    return above > POWER * math.sqrt(float(row @ line.cov @ row) + white * float(np.mean(piece.sigma[lo:hi] ** 2)))
+
+
+def _border(motion: Motion, k: int, side: int) -> float:
+    """Where a part ends [s]."""
+    part, t = motion.parts[k], motion.piece.t
+    return float(t[part.i] if side < 0 else t[part.j - 1])
 
 
 def unlike(own: tuple[float, float], how: Settings) -> bool:
@@ -165,6 +191,8 @@ def corner(motion: Motion, k: int, side: int, reach: tuple[int, int], how: Setti
     at = motion.corners.get(k + min(side, 0))
     if at is not None and other.kind == FLIGHT:
         return Beside(k + side, motion.lines[k + side], at, "impact")
+    if at is not None and other.kind == REST and len(other) > len(motion.parts[k]):  # longer than any turn on a spring
+        return Beside(k + side, motion.lines[k + side], at, "rest")
     if side < 0 and other.kind == REST and (let := released(motion, k)) is not None:
         return let
     kind = "rest" if other.kind == REST else "support"
@@ -197,9 +225,8 @@ def _cost(motion: Motion, part: Part, lo: int, hi: int) -> float:
 def released(motion: Motion, k: int) -> Beside | None:
     """The rest from which the flight k is let go: it begins at its apex, as high as the rest."""
     line, level, at = motion.lines[k], motion.lines[k - 1], float(motion.piece.t[motion.parts[k].i])
-    if len(motion.parts[k - 1]) < FEWEST or abs(line.slope(at)) > 2.0 * POWER * line.slope_sigma(at) + SOON * _fall(
-        motion, k
-    ):
+    slow = 2.0 * POWER * line.slope_sigma(at) + SOON * _fall(motion, k)
+    if len(motion.parts[k - 1]) < FEWEST or abs(line.slope(at)) > slow:
         return None
     apex = line.origin - float(line.p[1]) / (2.0 * line.bend)
     sigma = math.hypot(math.sqrt(float(line.row(apex) @ line.cov @ line.row(apex))), math.sqrt(float(level.cov[0, 0])))

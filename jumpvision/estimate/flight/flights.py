@@ -13,6 +13,7 @@ from jumpvision.base.arrays import Array
 from ..estimate import Estimate, scatter_factor
 
 NAN = float("nan")
+SINGULAR = 1e-3  # of its least variance: an eigenvalue of a covariance that is none
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,11 @@ def restitution(flights: Flights, *, after: float) -> Estimate:
 def _slope(y: Array, cov: Array) -> tuple[float, float, float]:
     """(slope, its sigma with the scatter factor, chi^2) of y (n,) over 0, 1, ... with covariance (n, n)."""
     a = np.stack([np.ones(y.size), np.arange(y.size)], axis=1)
-    inverse = np.linalg.pinv(cov, hermitian=True)
+    if np.linalg.eigvalsh(cov)[0] <= SINGULAR * float(
+        np.diag(cov).min()
+    ):  # what flights further apart share is missing
+        cov = np.diag(np.diag(cov))
+    inverse = np.linalg.inv(cov)
     of_slope = np.linalg.inv(a.T @ inverse @ a)
     p = of_slope @ (a.T @ inverse @ y)
     off = y - a @ p

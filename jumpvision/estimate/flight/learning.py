@@ -45,9 +45,8 @@ def _shown(stretches: list[tuple[Piece, Array]], price: float) -> Noise | None:
     at_rest = learned([(p, c) for p, c in stretches if c.shape[1] == 1], price)
     if everywhere is None or at_rest is None or at_rest.n < RESTING:
         return everywhere
-    off = abs(math.log(everywhere.factor / at_rest.factor)) / math.sqrt(
-        (1 + at_rest.rho**2) / (1 - at_rest.rho**2) / (2 * at_rest.n)
-    )
+    spread = (1.0 + at_rest.rho**2) / (1.0 - at_rest.rho**2) / (2.0 * at_rest.n)
+    off = abs(math.log(everywhere.factor / at_rest.factor)) / math.sqrt(spread)
     turned = abs(everywhere.rho - at_rest.rho) / math.sqrt((1.0 - at_rest.rho**2) / at_rest.n)
     return everywhere if max(off, turned) < SURE else at_rest
 

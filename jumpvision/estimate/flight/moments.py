@@ -20,7 +20,7 @@ CHUNK = 4096  # nodes whose segments are held at once
 
 @dataclass(frozen=True)
 class Sums:
-    """Weighted sums over stretches (...,) about an origin of each [s]: w tau^p, p = 0..4; w y tau^p, p = 0..2; w y^2."""
+    """Weighted sums over stretches (...,) about an origin of each [s]: w tau^p, p < 5; w y tau^p, p < 3; w y^2."""
 
     time: Array  # (5, ...)
     height: Array  # (3, ...)
@@ -42,6 +42,11 @@ class Sums:
 
     def plus(self, other: Sums) -> Sums:
         return Sums(self.time + other.time, self.height + other.height, self.square + other.square)
+
+    def then(self, other: Sums) -> Sums:
+        """These stretches and, behind them, others."""
+        both = zip((self.time, self.height, self.square), (other.time, other.height, other.square))
+        return Sums(*(np.concatenate(pair, axis=-1) for pair in both))
 
     def running(self) -> Sums:
         """Running sums along the last axis of the stretches."""
@@ -139,10 +144,7 @@ def change_points(t: Array, y: Array, w: Array, allowed: float) -> Index:
         left, right, at = sums[: size - size % 2 : 2], sums[1::2], origin[: size - size % 2 : 2]
         pairs = left.plus(right.moved(origin[1::2] - at))
         if size % 2:
-            last = sums[size - 1 :]
-            pairs = Sums(
-                *(np.concatenate([getattr(pairs, k), getattr(last, k)], axis=-1) for k in ("time", "height", "square"))
-            )
+            pairs = pairs.then(sums[size - 1 :])
             at = np.append(at, origin[-1])
         sums, origin = pairs, at
     nodes = [np.array([0, n])]

@@ -29,9 +29,8 @@ class Noise:
 
     def of_stated(self) -> Noise:
         """For a sigma that is stated: believed until the scatter contradicts it, never shrunk."""
-        sure = self.n and self.factor > 1.0 + SURE * math.sqrt(
-            (1.0 + self.rho**2) / (1.0 - self.rho**2) / (2.0 * self.n)
-        )
+        spread = (1.0 + self.rho**2) / (1.0 - self.rho**2) / (2.0 * max(self.n, 1))
+        sure = self.n and self.factor > 1.0 + SURE * math.sqrt(spread)
         return Noise(self.factor if sure else 1.0, self.rho, self.n)
 
 
@@ -61,7 +60,7 @@ def _third(y: Array, k: int) -> Array:
 
 
 def learned(stretches: Iterable[tuple[Piece, Array]], price: float) -> Noise | None:
-    """Restricted maximum likelihood of factor and correlation over stretches whose course is the span of columns (n, p).
+    """Restricted maximum likelihood of factor and correlation over stretches whose course columns (n, p) span.
 
     Correlation is taken for one where the evidence pays `price` for it. None without stretches.
     """

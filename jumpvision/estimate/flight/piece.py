@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from jumpvision.base.arrays import Array
 
 
+FINEST = 1e-150  # m: the square of a smaller sigma, of a record without any scatter, is no number
+
+
 @dataclass(frozen=True)
 class Piece:
     """t (n,) [s] increasing, y (n,) [m] up, sigma (n,) [m]; rho: correlation of the noise from sample to sample."""
@@ -48,7 +51,7 @@ class Piece:
     def weights(self) -> Array:
         """1/m^2, (n,): of white noise that is worth as much as this over many samples; next to none where the last
         sample, which `seen` needs, is not there."""
-        out = self.sigma**-2 * (1.0 - self.rho) / (1.0 + self.rho)
+        out = np.maximum(self.sigma, FINEST) ** -2 * (1.0 - self.rho) / (1.0 + self.rho)
         if self.rho:
             out[np.diff(self.t, prepend=-np.inf) > 1.5 * self.step] *= LEAST
         return np.asarray(out)

@@ -20,7 +20,8 @@ ALLOWED = 1e-3  # chance that a stretch of one parabola is looked into further
 
 
 def segmented(t: Array, y: Array, w: Array, gravity: float) -> tuple[Index, Index]:
-    """(first sample of every segment and n, kind of each) of least cost: chi^2 and log n for every number that they are fitted with, and for every change.
+    """(first sample of every segment and n, kind of each) of least cost: chi^2, and log n for every number that they
+    are fitted with and for every change.
 
     t (n,) [s] increasing, y (n,) [m], w (n,) [1/m^2]: weights of white noise. Costs of n samples: BIC (Schwarz 1978),
     a change point counted as a number; its place is one of n. Exact over the change points up to LOOK_BACK of them back
@@ -65,9 +66,8 @@ def _partition(t: Array, y: Array, w: Array, nodes: Index, gravity: float) -> tu
 def _costs(fit: Fit, nodes: Index, start: Index, gravity: float, price: float) -> tuple[Array, Index]:
     """(cost, kind) (m, l) of the best kind of every segment."""
     length = nodes[1:][:, None] - nodes[np.maximum(start, 0)]
-    chi2 = np.stack(
-        [fit.flat, fit.straight, fit.falling(gravity, LIKE * gravity), np.where(length <= 3, 0.0, fit.curved)]
-    )
+    falling = fit.falling(gravity, LIKE * gravity)
+    chi2 = np.stack([fit.flat, fit.straight, falling, np.where(length <= 3, 0.0, fit.curved)])
     chi2[0] = np.where(length <= 1, 0.0, chi2[0])
     chi2[1] = np.where(length <= 2, 0.0, chi2[1])
     numbers = np.array(NUMBERS)[:, None, None] + 1

@@ -178,13 +178,8 @@ def _fitted(
         return np.vstack([out, -np.hstack([prior, np.zeros((len(prior), 2 * len(edges)))])])
 
     noise = float(np.median(piece.sigma))
-    scale = (
-        [noise, noise / span]
-        + [1.0] * free_gravity
-        + [noise] * len(swing)
-        + [piece.step] * len(edges)
-        + [0.2] * len(edges)
-    )
+    scale = [noise, noise / span, *[1.0] * free_gravity, *[noise] * len(swing)]
+    scale += [piece.step] * len(edges) + [0.2] * len(edges)
     q0 = np.concatenate([p, where, np.log(stiff)])
     fit = least_squares_fit(residual, q0, scale=scale, jacobian=jacobian)
     if fit is None:

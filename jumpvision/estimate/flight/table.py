@@ -24,11 +24,8 @@ def columns_of(table: pd.DataFrame) -> tuple[Any, Any, Any]:
     if height is None:
         raise ValueError(f"flights: the table has none of {', '.join(HEIGHTS)}: a height in metres, up; give t and h")
     sigma = table.get(HEIGHTS[height])
-    return (
-        table["time_s"].to_numpy(float),
-        table[height].to_numpy(float),
-        None if sigma is None else sigma.to_numpy(float),
-    )
+    noise = None if sigma is None else sigma.to_numpy(float)
+    return table["time_s"].to_numpy(float), table[height].to_numpy(float), noise
 
 
 def found_in(t: Any, h: Any, sigma: Any, *, gravity: float, shortest: float, max_gap: float | None) -> Flights:

@@ -16,6 +16,7 @@ from ..estimate import checked, checked_sigma
 from ..mean import difference_noise
 from .edges import Flight, flight
 from .flights import NAN, Doubt, Flights
+from .ground import ground
 from .learning import with_noise
 from .motion import POWER, Motion, curvature, motion
 from .piece import Piece
@@ -74,8 +75,8 @@ def track_flights(
     whole, warned = as_filmed(cut, how)
     if stated and noise.factor > GROSS:
         said = (
-            f"the track scatters by {noise.factor:.2g} times its sigma of {float(np.median(sigma)):.2g} m: what is said of "
-            "its flights is widened"
+            f"the track scatters by {noise.factor:.2g} times its sigma of {float(np.median(sigma)):.2g} m: what is "
+            "said of its flights is widened"
         )
         warned.append(Doubt("noise", said, (noise.factor,)))
     return replace(collected([(m, f) for m, flying in whole for f in flying]), doubts=tuple(warned))
@@ -159,7 +160,8 @@ def flights_in(piece: Piece, how: Settings) -> tuple[Motion, list[Flight]]:
     if piece.t.size < FEWEST:
         return Motion(piece, [], [], {}), []
     m = motion(piece, how.gravity)
-    flying = [flight(m, k, how) for k, part in enumerate(m.parts) if part.kind == FLIGHT]
+    under = ground(m)
+    flying = [flight(m, k, how, under) for k, part in enumerate(m.parts) if part.kind == FLIGHT]
     return m, [f for f in flying if flies(f, how) and lasts(m.piece, f, how)]
 
 

@@ -21,7 +21,6 @@ from .recognise import FILMS, Recording, ball, moving_ball, opened
 
 Values = dict[str, tuple[Any, str]]
 FIRST = "column, row in the first frame"
-FRAMES = 5  # that a ball's diameter is averaged over
 BALL_SHARE = 0.01  # relative standard uncertainty of a scale by the diameter that a ball is seen with
 RISE = 0.02  # of the amplitude: the motor has started
 
@@ -138,7 +137,8 @@ def _balls_in(path: Path, seed: tuple[float, float] | None) -> list[tuple[int, B
     """The ball in the first frames, with their numbers; where it moves into a film later, there."""
     film, _ = opened(path)
     with film:
-        seen = [(i, b) for i in range(min(FRAMES, len(film))) if (b := ball(film[i], seed))]
+        # the diameter is averaged over five frames
+        seen = [(i, b) for i in range(min(5, len(film))) if (b := ball(film[i], seed))]
         moving = None if seen or seed else moving_ball(film)
     return [(moving[0], moving[1:])] if moving else seen
 

@@ -34,9 +34,7 @@ FIELDS = (".nc", ".mat")
 TABLES = (".xls", ".xlsx", ".ods", ".lvm", ".dat")
 IGNORED = ("", ".toml", ".json", ".md", ".cih", ".cihx", ".py", ".ipynb", ".html", ".pdf", ".docx")
 GUESSED = "guessed from what it shows: write another section if it is something else"
-DARK_SHARE = 0.1  # of bright pixels, below which a picture is a laser line in the dark
 SHOWN = 12  # channels named in a message
-SERIES = 3  # numbered pictures that make a film
 ANY_RATE = 1.0  # Hz, to open pictures that carry no clock
 
 
@@ -93,7 +91,8 @@ def candidates(folder: Path) -> Iterator[str]:
     numbered = {
         f
         for p, s in series.items()
-        if len(s) >= SERIES and set(folder.glob(p)) == set(s) and s[0].suffix.lower() in (*SUFFIXES, ".txt")
+        # three numbered pictures make a film
+        if len(s) >= 3 and set(folder.glob(p)) == set(s) and s[0].suffix.lower() in (*SUFFIXES, ".txt")
         for f in s
     }
     yield from (pattern for pattern, s in series.items() if s[0] in numbered)
@@ -232,7 +231,8 @@ def by_picture(film: Film) -> str:
         return "rod_video" if shown or moving_ball(film) else "grain_video"
     image = np.asarray(film[0], float)
     low, high = np.nanpercentile(image, 1), np.nanmax(image)
-    return "crater_image" if (image > (low + high) / 2).mean() < DARK_SHARE else "bed_image"
+    # few bright pixels: a laser line in the dark
+    return "crater_image" if (image > (low + high) / 2).mean() < 0.1 else "bed_image"
 
 
 def moving_ball(film: Film) -> tuple[int, str, float, float, float] | None:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from jumpvision.base.arrays import AnyArray
 from jumpvision.base.schema import InputError
 
 DEEPEST, MOST = 16, 10_000  # groups within groups, channels of a file
@@ -23,7 +24,7 @@ class Channel:
     [s]: times of the values, where the file gives their rate."""
 
     name: str
-    values: NDArray[Any]
+    values: AnyArray
     unit: str = ""
     clock: NDArray[np.floating[Any]] | None = None
 
@@ -82,7 +83,7 @@ def mat(path: Path, asked: Collection[str]) -> Held:
     return Held(list(found), {n: Channel(n, found[n]) for n in asked if n in found})
 
 
-def _classic(path: Path) -> Iterator[tuple[str, NDArray[Any]]]:
+def _classic(path: Path) -> Iterator[tuple[str, AnyArray]]:
     """MAT files before 7.3."""
     from scipy.io import loadmat
 
@@ -111,7 +112,7 @@ def _unpacked(path: Path) -> float:
     return total
 
 
-def _vectors(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
+def _vectors(name: str, value: Any) -> Iterator[tuple[str, AnyArray]]:
     """Leaves of nested structs that are vectors, or matrices column by column."""
     if isinstance(value, dict):
         for key, inner in value.items():
@@ -140,7 +141,7 @@ def _gather(group: Any, h5py: Any, sets: list[Any], path: Path, depth: int = 0) 
             _gather(item, h5py, sets, path, depth + 1)
 
 
-def _modern(path: Path) -> Iterator[tuple[str, NDArray[Any]]]:
+def _modern(path: Path) -> Iterator[tuple[str, AnyArray]]:
     """MAT 7.3, which is HDF5 with its dimensions in reverse order."""
     try:
         import h5py

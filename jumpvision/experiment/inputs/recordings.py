@@ -35,6 +35,15 @@ def scale_problems(section: Any) -> list[str]:
     ]
 
 
+@dataclass(frozen=True)
+class Scaled(FileSection):
+    """A recording with a scale of its own, `scale` and `scale_sigma`."""
+
+    def check(self) -> list[str]:
+        """The scale is known to better than itself."""
+        return scale_problems(self)
+
+
 def _scale(meaning: str = "metres per pixel") -> Any:
     return param(None, "m/px", meaning, lo=0.0, hi=0.01, open_lo=True)
 
@@ -143,7 +152,7 @@ class Calibration(Section):
 
 
 @dataclass(frozen=True)
-class BedImage(FileSection):
+class BedImage(Scaled):
     """Back-lit side view of the bed: one picture, or a series (folder, pattern, stack, film) of one bed."""
 
     name: ClassVar[str] = "bed_image"
@@ -164,10 +173,6 @@ class BedImage(FileSection):
         None, "grey", "level from which pixels are clipped; default: the type's largest", lo=0, hi=65536, open_lo=True
     )
     frame_rate: float | None = _rate("of a series without time stamps; default one picture a second")
-
-    def check(self) -> list[str]:
-        """The scale is known to better than itself."""
-        return scale_problems(self)
 
 
 @dataclass(frozen=True)
@@ -342,7 +347,7 @@ class CraterDepth(FileSection):
 
 
 @dataclass(frozen=True)
-class PivField(FileSection):
+class PivField(Scaled):
     """A velocity field computed elsewhere: pivpy .nc, PIVlab .mat, or a folder or pattern of OpenPIV or PIVlab .txt."""
 
     name: ClassVar[str] = "piv_field"
@@ -383,13 +388,9 @@ class PivField(FileSection):
         open_lo=True,
     )
 
-    def check(self) -> list[str]:
-        """The scale is known to better than itself."""
-        return scale_problems(self)
-
 
 @dataclass(frozen=True)
-class CraterImage(FileSection):
+class CraterImage(Scaled):
     """Laser line over a crater."""
 
     name: ClassVar[str] = "crater_image"
@@ -409,7 +410,3 @@ class CraterImage(FileSection):
     saturation: float | None = param(
         None, "grey", "level from which pixels are clipped; default: the type's largest", lo=0, hi=65536, open_lo=True
     )
-
-    def check(self) -> list[str]:
-        """The scale is known to better than itself."""
-        return scale_problems(self)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.base.arrays import Array
+from jumpvision.base.arrays import AnyArray, Array
 from jumpvision.base.schema import InputError
 
 FORMATS = "pivpy .nc, OpenPIV .txt, PIVlab .txt or .mat"
@@ -246,5 +246,5 @@ def _matlab(file: Path) -> Vectors:
     )
 
 
-def _cells(value: NDArray[Any]) -> list[Array]:
+def _cells(value: AnyArray) -> list[Array]:
     return [np.asarray(f, float) for f in value.ravel()] if value.dtype == object else [np.asarray(value, float)]

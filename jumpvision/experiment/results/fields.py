@@ -67,7 +67,7 @@ class Piv(Field):
 
     @property
     def as_matched(self) -> xr.Dataset:
-        """The field with its raw vectors, as they were before smoothing, for means, fits and derivatives.
+        """The field with its unsmoothed vectors, for means, fits and derivatives.
 
         Their noise goes by itself, while what smoothing rounds off does not come back."""
         return as_matched(self.field)

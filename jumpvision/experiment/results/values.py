@@ -47,23 +47,8 @@ class BedProfile(TypedDict):
     height_m: Column
 
 
-class BedSeries(TypedDict):
-    """Of every picture; changes are those since the first."""
-
-    time_s: Column
-    height_m: Column
-    sigma_m: Column
-    sigma_common_m: Column
-    change_m: Column
-    sigma_change_m: Column
-    sigma_common_change_m: Column
-    volume_fraction: Column
-    sigma_volume_fraction: Column
-    sigma_common_volume_fraction: Column
-
-
 class BedValues(TypedDict, total=False):
-    """bed.json, of the picture that counts; the volume fraction None where it is not known, series of several."""
+    """bed.json, of the picture that counts; the volume fraction None where it is not known."""
 
     height_m: Required[float]
     sigma_m: Required[float]
@@ -76,7 +61,7 @@ class BedValues(TypedDict, total=False):
     columns: Required[int]
     picture: Required[int]
     profile: Required[BedProfile]
-    series: BedSeries
+    series: dict[str, Column]  # of every picture: heights, packings, changes since the first
 
 
 class BedHeight(Values[BedValues]):
@@ -192,7 +177,7 @@ class Fits(Record):
         return self.estimates.get(name)
 
     def determined(self, name: str) -> Estimate | None:
-        """The same; None too where the data do not allow it."""
+        """The fit of this name; None too where the data do not allow it."""
         found = self.estimates.get(name)
         return found if found is not None and found.known else None
 

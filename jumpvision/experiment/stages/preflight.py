@@ -49,12 +49,10 @@ from .rod import from_table, other_spring, read_motor, total_mass
 from .spring import read_spring
 
 WHOLE = 50e6  # bytes up to which a film in a container is decoded here, as a run does to count its frames
-HEAVY = 100.0  # kg; robots that jump on a rail weigh less
 SAG = 0.25  # m, of the spring under the robot's weight
 THOUSAND = 300.0, 3000.0  # ratios that a wrong prefix makes
 FAR = 3.0  # factor of a size beyond which it is none of the sought thing
 LONGEST = 5.0  # m, of what a film or a log of a jump shows
-FEWEST = 40  # samples of a ring-down
 
 
 @dataclass(frozen=True)
@@ -180,7 +178,8 @@ def _prefix(ratio: float) -> bool:
 def _sizes(e: Experiment, found: Found) -> Iterator[str]:
     """Units: masses, spring, log and track beside what they can be."""
     robot, law, mass = e.section(Robot), e.section(Actuation), total_mass(e.section(Robot))
-    heavy = [n for n in ("motor_mass", "rod_mass", "foot_mass") if robot and (getattr(robot, n) or 0.0) > HEAVY]
+    # robots that jump on a rail weigh less than 100 kg
+    heavy = [n for n in ("motor_mass", "rod_mass", "foot_mass") if robot and (getattr(robot, n) or 0.0) > 100.0]
     for name in heavy:
         value = getattr(robot, name)
         yield f"[robot] {name} = {value:g} kg: more than a jumping robot weighs; in grams? then give {value / 1e3:g}"
@@ -227,7 +226,7 @@ def _ringing(found: Found, robot: Robot | None, law: Actuation | None, mass: flo
         return
     t, h, _ = found.track
     tail = t >= max(t[0], t[-1] - 0.5 * (t[-1] - max(law.stop, t[0]))) if law.moves else np.ones(t.size, bool)
-    if tail.sum() < FEWEST or law.stop > t[-1]:
+    if tail.sum() < 40 or law.stop > t[-1]:  # too few samples of a ring-down
         return
     noise = 1e-9 + float(np.std(np.diff(h[tail], 3))) / math.sqrt(20.0)
     ring = ring_down(t[tail], h[tail], np.full(int(tail.sum()), noise))

@@ -134,10 +134,10 @@ class Region(Film):
 def open_grains(section: GrainVideo, calibration: Calibration | None) -> tuple[Film, GrainVideo]:
     """The grain film, and its section in the pixels of its frames: straightened where lens or marks are given, then
     cut to `roi`."""
-    return seen_straight(open_film(section), section, calibration)
+    return straightened_and_cut(open_film(section), section, calibration)
 
 
-def seen_straight(film: Film, section: GrainVideo, calibration: Calibration | None) -> tuple[Film, GrainVideo]:
+def straightened_and_cut(film: Film, section: GrainVideo, calibration: Calibration | None) -> tuple[Film, GrainVideo]:
     """The same of an opened film with the pixels of the recorded one."""
     film, section = straight_grains(film, section, calibration)
     if not section.roi:

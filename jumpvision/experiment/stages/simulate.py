@@ -202,13 +202,13 @@ def of_arrays(tables: Any, time_s: Any = None, motor_m: Any = None) -> pd.DataFr
 
 
 FEWEST = 8  # samples of a motor's motion
-RINGING = 0.02  # of the travel: what a landing shakes a motor held by its feedback loop
 
 
 def last_motion(time: np.ndarray, position: np.ndarray, p: SimulateParams) -> float:
     """When the motor comes to rest [s]: after it the log stays near its end, but for its loop's give."""
     end = np.median(position[time >= time[-1] - 0.1]) if time[-1] - time[0] > 0.2 else np.median(position[-5:])
-    near = max(2 * p.encoder_step, RINGING * float(np.ptp(position)))
+    # a landing shakes a motor that its feedback loop holds by some 2 % of its travel
+    near = max(2 * p.encoder_step, 0.02 * float(np.ptp(position)))
     moving = np.flatnonzero(np.abs(position - end) > near)
     return float(time[min(moving[-1] + 1, time.size - 1)]) if moving.size else float(time[0])
 

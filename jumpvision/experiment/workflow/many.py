@@ -9,7 +9,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, Thr
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 from jumpvision.base.progress import ready, worker_pool
 from jumpvision.experiment.inputs.experiment import Campaign, Experiment
@@ -21,7 +21,17 @@ from .workspace import NotCached
 
 Report = Callable[[Outcome], None]
 Known = Callable[[Mapping[str, Outcome]], None]
-Job = tuple[Any, ...]  # experiment, plan, results and, where only pictures are left, its outcome
+
+
+class Job(NamedTuple):
+    """What is to be done of an experiment. before: what became of it, where only its pictures are left."""
+
+    experiment: Experiment
+    plan: Plan
+    results: Path
+    before: Outcome | None = None
+
+
 BEFORE_FILM = ("rod", "bed")  # stages that tell of an experiment's jump
 
 
@@ -53,22 +63,26 @@ def _run_campaign(
     elsewhere: Mapping[str, list[str]] | None,
     jumps: Known | None,
 ) -> list[Outcome]:
-    jobs = {e.name: (e, plan, plan.results / e.name) for e in campaign.experiments}
+    jobs = {e.name: Job(e, plan, plan.results / e.name) for e in campaign.experiments}
     outcomes: dict[str, Outcome] = {}
     # what is all in the cache is done here, faster than a worker process starts
     for name, job in list(jobs.items()):
         try:
-            outcomes[name] = run_experiment(*job, only_cached=True)
+            outcomes[name] = run_experiment(*job[:3], only_cached=True)
         except NotCached:
             if elsewhere is None:
                 continue
-            why = elsewhere.get(name, [f"{job[0].path}: it changed while it was computed; run again"])
-            outcomes[name] = Outcome(name, job[2], errors=why)
+            why = elsewhere.get(name, [f"{job.experiment.path}: it changed while it was computed; run again"])
+            outcomes[name] = Outcome(name, job.results, errors=why)
         done(outcomes[name])
 
     bare = replace(plan, pictures=())
-    left: dict[str, Job] = {n: (e, bare, results) for n, (e, _, results) in jobs.items() if n not in outcomes}
-    films = {n for n, job in left.items() if job[0].section(GrainVideo) is not None} if jumps and workers > 1 else set()
+    left = {n: job._replace(plan=bare) for n, job in jobs.items() if n not in outcomes}
+    films = (
+        {n for n, job in left.items() if job.experiment.section(GrainVideo) is not None}
+        if jumps and workers > 1
+        else set()
+    )
     before = replace(bare, stages=BEFORE_FILM, whole=False)
     first: dict[str, Outcome] = {}
 
@@ -87,7 +101,7 @@ def _run_campaign(
             films.clear()
         return more
 
-    begin = {n: (job[0], before, job[2]) if n in films else job for n, job in _longest_first(left).items()}
+    begin = {n: job._replace(plan=before) if n in films else job for n, job in _longest_first(left).items()}
     _all(begin, workers, report)
     return [outcomes[n] for n in jobs]
 
@@ -95,7 +109,7 @@ def _run_campaign(
 def draw(campaign: Campaign, plan: Plan, outcomes: list[Outcome], *, workers: int) -> list[Outcome]:
     """The outcomes of `run_campaign` with the pictures that it left, `workers` experiments at a time."""
     made = {o.name: o for o in outcomes}
-    jobs = {e.name: (e, plan, plan.results / e.name, made[e.name]) for e in campaign.experiments}
+    jobs = {e.name: Job(e, plan, plan.results / e.name, made[e.name]) for e in campaign.experiments}
     with no_leftovers(plan):
         _all(_longest_first({n: job for n, job in jobs.items() if made[n].undrawn}), workers, made.__setitem__)
     return list(made.values())
@@ -106,7 +120,7 @@ def drawing_beside(plan: Plan, campaign: Campaign, outcomes: list[Outcome], *, w
     """Beside the work within, pictures are drawn in processes that make way for it, and put into `outcomes`; with its
     end no further ones are begun."""
     at = {o.name: i for i, o in enumerate(outcomes) if o.undrawn}
-    jobs = {n: (campaign[n], plan, plan.results / n, outcomes[i]) for n, i in at.items()}
+    jobs = {n: Job(campaign[n], plan, plan.results / n, outcomes[i]) for n, i in at.items()}
     waiting, ended = iter(_longest_first(jobs).items()), threading.Event()
 
     def work(pool: ProcessPoolExecutor) -> None:
@@ -133,7 +147,7 @@ Ended = Callable[[str, Outcome], Mapping[str, Job] | None]  # gives what is to b
 
 def _longest_first(jobs: Mapping[str, Job]) -> dict[str, Job]:
     """Films first: the longest jobs must not start last."""
-    films = {n: sum(hasattr(s, "frame_rate") for s in job[0].sections.values()) for n, job in jobs.items()}
+    films = {n: sum(hasattr(s, "frame_rate") for s in job.experiment.sections.values()) for n, job in jobs.items()}
     return {n: jobs[n] for n in sorted(jobs, key=lambda n: -films[n])}
 
 
@@ -152,7 +166,7 @@ def _all(jobs: Mapping[str, Job], workers: int, report: Ended) -> None:
         ended(name, _run(*left[name]))
     while left:
         for name in _in_processes(left, min(workers, len(left)), ended):  # alone, so that the guilty one is known
-            e, _, results, *_ = left[name]
+            e, _, results, _ = left[name]
             if _in_processes({name: left[name]}, 1, ended):
                 killed = f"{e.path}: its worker process was killed (out of memory?); run again to resume"
                 ended(name, Outcome(name, results, errors=[killed]))
@@ -172,18 +186,18 @@ def _in_processes(
     jobs: Mapping[str, Job], workers: int, ended: Callable[[str, Outcome], Mapping[str, Job]]
 ) -> list[str]:
     """Jobs by name, `workers` at a time; [] when all are done, or the names under way when a worker process died."""
-    prepare(next(iter(jobs.values()))[1])
+    prepare(next(iter(jobs.values())).plan)
     queue = list(jobs.items())[::-1]
     under_way: dict[Future[Outcome], tuple[str, Job]] = {}
     with worker_pool(workers) as pool:
         try:
             while queue or under_way:
                 # one more than there are workers, so that none waits, except where a film is to come next
-                films = any(job[1].stages == BEFORE_FILM for _, job in under_way.values())
+                films = any(job.plan.stages == BEFORE_FILM for _, job in under_way.values())
                 while queue and len(under_way) < workers + (not films):
                     name, job = queue.pop()
                     under_way[pool.submit(_run, *job)] = name, job
-                    films |= job[1].stages == BEFORE_FILM
+                    films |= job.plan.stages == BEFORE_FILM
                 for future in wait(under_way, return_when=FIRST_COMPLETED).done:
                     outcome = future.result()
                     queue += (ended(under_way.pop(future)[0], outcome) or {}).items()

@@ -42,7 +42,6 @@ from .entries import ATTEMPTS, CorruptEntry, Receipt
 from .stage import STAGES, Input, Stage, StageWarning
 
 R = TypeVar("R", bound=Record)
-FEW = 16  # files of a film: of one of more it would take long to look at all before each part is kept
 
 
 @dataclass
@@ -265,7 +264,8 @@ class Workspace:
 
     def _compute(self, made: Stage, arguments: Mapping[str, object], key: str) -> tuple[Record, Receipt]:
         record, nothing_to_do = None, []  # a stage that finds nothing to do is remembered like a result
-        check = functools.partial(self._read_what_was_hashed, made, FEW)
+        # to look at more than 16 files before each part is kept would take long
+        check = functools.partial(self._read_what_was_hashed, made, 16)
         parts = entries.Parts(self.cache, made.name, key, made.version, check=check, fresh=self.fresh)
         token = KEEPER.set(parts)
         with warnings.catch_warnings(record=True) as caught:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from jumpvision.base.parameters import of_keywords
 from jumpvision.base.schema import InputError
@@ -16,7 +17,12 @@ from .images import grey_images, only_numbers, scale_problem
 
 
 def bed(
-    pictures: Any, *, floor_row: float, scale: float | None = None, saturation: float | None = None, **parameters: Any
+    pictures: ArrayLike,
+    *,
+    floor_row: float,
+    scale: float | None = None,
+    saturation: float | None = None,
+    **parameters: Any,
 ) -> pd.DataFrame:
     """Height of a bed above its floor in a back-lit picture (H, W), or in each of several (n, H, W): a row a picture.
 

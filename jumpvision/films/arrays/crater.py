@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from jumpvision.base.parameters import of_keywords
 from jumpvision.estimate.crater import line_crater
@@ -16,7 +17,7 @@ from jumpvision.films.vision.laser_line import laser_line
 
 
 def crater(
-    picture: Any, *, scale: float, laser_angle: float | None = None, axis: Any = None, **parameters: Any
+    picture: ArrayLike, *, scale: float, laser_angle: float | None = None, axis: Any = None, **parameters: Any
 ) -> pd.Series:
     """Volume change of a crater, negative where the bed was compacted, from a map of heights or a laser line.
 

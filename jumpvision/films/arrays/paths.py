@@ -20,8 +20,7 @@ from jumpvision.films.grains.paths import NO_FOOT, REASONS, Carried, Grid, Step,
 from jumpvision.films.grains.steady import Velocities
 from jumpvision.films.parameters import PathsParams
 
-FEWEST = 4  # vectors along an axis
-TOUCH = 0.02  # of the time between the frames of a pair, by which the next may begin beside the end of this one
+LEAST_VECTORS = 4  # vectors along an axis
 
 
 def paths(field: xr.Dataset, *, spacing: float = 16.0, **parameters: Any) -> pd.DataFrame:
@@ -50,9 +49,9 @@ def through(
     spans = chain(spans_of(data.t.values, grid, times), p.start)
     length = grid.scale_m_per_px if grid.metric else 1.0
     places = Grid(np.sort(data.x.values), np.sort(data.y.values), grid.window_px * length)
-    if min(data.sizes["x"], data.sizes["y"]) < FEWEST:
+    if min(data.sizes["x"], data.sizes["y"]) < LEAST_VECTORS:
         raise NotApplicable(
-            [f"paths: {data.sizes['x']} x {data.sizes['y']} vectors; a cubic spline needs {FEWEST} each way"]
+            [f"paths: {data.sizes['x']} x {data.sizes['y']} vectors; a cubic spline needs {LEAST_VECTORS} each way"]
         )
     wide = half_width_px * length if half_width_px else math.inf
     x, y = starts(plane(data, spans[0].field), places, p.spacing * length)
@@ -83,7 +82,8 @@ def chain(spans: Sequence[Span], start: int) -> list[Span]:
     """Spans that touch one another, from the first of field `start` on: each begins where the one before ends."""
     out: list[Span] = []
     for s in spans:
-        near = TOUCH * (s.end - s.begin)
+        # the next pair may begin this part of the time between its frames beside the end of this one
+        near = 0.02 * (s.end - s.begin)
         if s.field < start or (out and s.begin < out[-1].end - near):
             continue
         if out and s.begin > out[-1].end + near:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -11,20 +10,20 @@ from numpy.typing import ArrayLike
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError, StageWarning
-from jumpvision.films.vision.stereo import FAR, at_times, pinhole
+from jumpvision.films.vision.stereo import FAR, Pinhole, at_times, pinhole
 from jumpvision.films.vision.stereo import triangulate as places_of
 
 from .motion import with_derivatives
 
-SEEN = ("time_s", "x_px", "y_px", "sigma_px")  # what two cameras' tables must have
+COLUMNS = ("time_s", "x_px", "y_px", "sigma_px")  # what two cameras' tables must have
 
 
 def triangulate(
     first: pd.DataFrame,
     second: pd.DataFrame,
-    marks: Any,
-    seen_first: Any,
-    seen_second: Any,
+    marks: ArrayLike,
+    seen_first: ArrayLike,
+    seen_second: ArrayLike,
     *,
     offset: float = 0.0,
     ball_diameter: float = 0.0,
@@ -49,7 +48,7 @@ def triangulate(
         _camera(name, pixel, marks, lens) for name, pixel in zip(("first", "second"), (seen_first, seen_second))
     )
     for name, table in (("first", first), ("second", second)):
-        missing = [c for c in SEEN if c not in table.columns]
+        missing = [c for c in COLUMNS if c not in table.columns]
         if missing or len(table) < 2:
             what = f"columns missing: {missing}" if missing else "fewer than 2 rows"
             raise InputError([f"jv.triangulate: {name} table: {what}; give what jv.track gives"])
@@ -76,7 +75,7 @@ def triangulate(
     )
 
 
-def _camera(name: str, pixel: ArrayLike, marks: ArrayLike, lens: bool) -> Any:
+def _camera(name: str, pixel: ArrayLike, marks: ArrayLike, lens: bool) -> Pinhole:
     pixel, marks = np.asarray(pixel, float), np.asarray(marks, float)
     if len(pixel) != len(marks):
         text = f"{len(pixel)} pixels of {len(marks)} marks; give one each, in the same order"

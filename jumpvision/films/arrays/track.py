@@ -5,11 +5,13 @@ from __future__ import annotations
 import cmath
 import math
 import warnings
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.parameters import of_keywords
@@ -26,7 +28,7 @@ from .motion import with_derivatives
 
 
 def track(
-    frames: Any,
+    frames: Iterable[ArrayLike],
     *,
     frame_rate: float = 1.0,
     scale: float | None = None,
@@ -77,7 +79,7 @@ def track(
         for note in ball.notes:
             warnings.warn(f"ball {number}: {note}" if markers else note, StageWarning, stacklevel=2)
     time = np.arange(len(images)) / frame_rate + exposure / 2.0
-    bodies = [_seen(ball, time, exposure) for ball in found]
+    bodies = [_in_pixels(ball, time, exposure) for ball in found]
     if masses:
         bodies.insert(0, _centre_of_mass(bodies, np.asarray(masses, float)))
     tables = [_moving(body, scale, origin, angle, window) for body in bodies]
@@ -113,7 +115,7 @@ def _check(
         raise InputError(problems)
 
 
-def _seen(ball: BallTrack, time: Array, exposure: float) -> pd.DataFrame:
+def _in_pixels(ball: BallTrack, time: Array, exposure: float) -> pd.DataFrame:
     """frame, time_s, x_px, y_px, sigma_px, flag of a ball, at mid-exposure; with an exposure its shifts [px]."""
     lost = ball.flag != ""
     x, y, sigma = (np.where(lost, np.nan, c) for c in (ball.x, ball.y, ball.sigma))

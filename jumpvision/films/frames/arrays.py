@@ -11,8 +11,6 @@ import numpy as np
 
 from .base import Film, FrameError, Image, check_image, clock, lost, native_type, single_channel
 
-MAX_COMPRESSION = 2000  # a data set that claims to be this much larger than its bytes in the file is damaged
-
 
 def stack_shape(path: Path, shape: tuple[int, ...], what: str) -> tuple[int, tuple[int, ...]]:
     """(frames, shape of one frame) of a film array: (y, x), (frame, y, x) or (frame, y, x, 3 | 4)."""
@@ -122,7 +120,8 @@ class Hdf5Film(Film):
         if self._matlab:
             frame = (frame[1], frame[0], *frame[2:])
         kind = native_type(self._data.dtype, path)
-        if self._data.nbytes > MAX_COMPRESSION * self._data.id.get_storage_size():
+        # a data set that claims to be so much larger than its bytes in the file is damaged
+        if self._data.nbytes > 2000 * self._data.id.get_storage_size():
             raise FrameError(f"{path}: {self._data.name} claims {self._data.nbytes} bytes that the file does not hold")
         super().__init__(
             path,

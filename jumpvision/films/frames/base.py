@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Required, Self, TypedDict
+from typing import Any, NamedTuple, Protocol, Required, Self, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,13 @@ class FrameError(ValueError):
 
 class Truncated(str):
     """A warning that says that the end of the film is missing."""
+
+
+class Frames(Protocol):
+    """A film, or a list of pictures: frames by number."""
+
+    def __len__(self) -> int: ...
+    def __getitem__(self, i: int, /) -> Image: ...
 
 
 class Clock(NamedTuple):

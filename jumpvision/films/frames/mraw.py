@@ -28,7 +28,6 @@ FIELDS = {
     "format": ("File Format", "imageFileInfo/fileFormat"),
     "camera": ("Camera Type", "deviceInfo/deviceName"),
 }
-HEADER_LIMIT = 2**24  # bytes; real headers have some ten thousand
 
 
 class MrawFilm(Film):
@@ -111,7 +110,7 @@ def partners(path: Path) -> tuple[Path, Path]:
 def read_header(path: Path) -> dict[str, str]:
     """The entries of FIELDS as text, "" where absent."""
     with path.open("rb") as file:
-        data = file.read(HEADER_LIMIT)
+        data = file.read(2**24)  # bytes; real headers have some ten thousand
     if path.suffix.lower() == ".cihx":
         # The XML stands between binary blocks; cut it out, which also leaves no place for entity declarations.
         begin, end = data.find(b"<cih>"), data.find(b"</cih>")

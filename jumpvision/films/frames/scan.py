@@ -20,7 +20,6 @@ from .base import FrameError, Image
 from .decoding import checksums_hold, decode_steps, grey, open_video
 
 HIDDEN_FRAMES = ("vp8", "vp9", "av1")  # codecs whose packets may show nothing
-DEEPEST_REORDER = 16  # frames; no codec delays a frame by more
 
 
 @dataclass
@@ -54,7 +53,6 @@ class Timeline:
     lost: int
 
 
-MOST_KEPT = 20_000  # packets of the scans of a process that are kept: the stages of a film open it one after another
 _kept: dict[tuple[Path, int, int, int, str], Scan] = {}  # by path, size, time of change, inode and threads
 
 
@@ -66,7 +64,8 @@ def scan_film(path: Path, threads: str, seen: Callable[[Image], None] | None = N
         return _kept[key]
     scan = _scanned(path, threads, seen)
     _kept[key] = scan
-    while sum(len(s.pts) for s in _kept.values()) > MOST_KEPT:
+    # packets whose scans a process keeps: the stages of a film open it one after another
+    while sum(len(s.pts) for s in _kept.values()) > 20_000:
         del _kept[next(iter(_kept))]
     return scan
 
@@ -152,7 +151,8 @@ def timeline(path: Path, scan: Scan) -> Timeline:
         good = [s for s, k in enumerate(order) if k not in bad]
         packets = [order[s] for s in good]
     elif bad:  # neither: keep what comes surely before the first damage
-        good = list(range(min(max(min(bad) - DEEPEST_REORDER, 0), frames)))
+        # no codec delays a frame by more than 16
+        good = list(range(min(max(min(bad) - 16, 0), frames)))
         packets = sorted(range(n), key=lambda k: (stamps[k], k))[: len(good)]
     else:
         good, packets = [], []

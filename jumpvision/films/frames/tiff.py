@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from .base import Film, FrameError, Image, check_image, clock, lost, native_type, single_channel, upright
 
 MOST_PAGES = 40_000  # looking one up takes 0.2 ms
-MAX_COMPRESSION = 2000  # pixel bytes a stored byte; a larger claim is a damaged header
 
 
 class TiffFilm(Film):
@@ -104,7 +103,8 @@ class TiffFilm(Film):
                     )
                 stored = sum(page.databytecounts)
                 ends = [a + n for a, n in zip(page.dataoffsets, page.databytecounts)]
-                if not ends or max(ends) > size or self._nbytes > MAX_COMPRESSION * stored:
+                # pixel bytes a stored byte: a larger claim is a damaged header
+                if not ends or max(ends) > size or self._nbytes > 2000 * stored:
                     return i
         except FrameError:
             raise

@@ -15,7 +15,6 @@ from .decoding import Step, decode_steps, grey, grey_type, open_video
 from .scan import scan_film, shortfall, timeline
 
 KEPT = 8  # images kept: neighbours are asked for again (image pairs)
-AHEAD = 16  # frames; a target this near is reached by decoding on, without seeking
 
 
 class VideoFilm(Film):
@@ -104,7 +103,8 @@ class VideoFilm(Film):
         target = int(self._ordinal[i])
         k = int(np.searchsorted(self._keys, i, side="right")) - 1
         key = int(self._keys[k]) if k >= 0 else 0  # film frame to begin at; 0: the film's start
-        on = self._next <= target and (target < self._next + AHEAD or int(self._ordinal[key]) <= self._next)
+        # a target 16 frames ahead is reached by decoding on, without seeking
+        on = self._next <= target and (target < self._next + 16 or int(self._ordinal[key]) <= self._next)
         if on or (self._seekable and key > 0 and self._seek(key)):
             frame = self._forward(target)
             if frame is not None and (not self._seekable or frame.pts == self._pts[i]):

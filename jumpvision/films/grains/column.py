@@ -42,7 +42,6 @@ def central_column(
     return speed, np.sqrt(np.einsum("yi,ij,yj->y", part, rho, part))
 
 
-ROUNDS = 10  # of choosing the depths from the fit; two or three suffice, more means it hops between two sets
 NAN = float("nan")
 
 
@@ -104,7 +103,8 @@ def fit_column(
     slope, at0 = np.polyfit(z[chosen], np.log(y[chosen]), 1, w=y[chosen] / e[chosen])
     p, seen = np.array([min(slope, -1e-3 / np.ptp(z)), at0]), []
     fit = None
-    for _ in range(ROUNDS):
+    # the depths are chosen from the fit: two or three rounds suffice, more means it hops between two sets
+    for _ in range(10):
         log_model = p[0] * z + p[1]
         chosen = start & (log_model < math.log(top)) & (log_model > math.log(floor))
         if chosen.sum() < 3:

@@ -13,7 +13,6 @@ from jumpvision.estimate.estimate import checked, checked_sigma, least_squares_f
 
 NAN = math.nan
 LEAST_POINTS = 4
-DETERMINED = 2.0  # sigmas of mu / tan theta above zero below which the curve shows no bend
 
 
 @dataclass(frozen=True)
@@ -98,7 +97,8 @@ def solve_cone(
     if mu is None and theta is None:
         return no("m_a fixes only C tan(theta) and mu/tan(theta): mu of the front or theta of the bands is needed")
     s, s_sigma = curve.narrowing, math.sqrt(curve.covariance[1, 1])
-    if not s > 0.0 or ((theta is None or mu is None) and s < DETERMINED * s_sigma):
+    # a curve shows no bend where mu / tan theta is not 2 sigma above zero
+    if not s > 0.0 or ((theta is None or mu is None) and s < 2.0 * s_sigma):
         return no("m_a does not bend over these depths: mu/tan(theta) is not determined")
     try:
         root = np.linalg.inv(np.linalg.cholesky(curve.covariance))  # whitens (slope, narrowing)

@@ -33,7 +33,7 @@ def described(data: xr.Dataset, grid: VectorGrid, *, matched: bool, **more: obje
 
 
 def as_matched(data: xr.Dataset) -> xr.Dataset:
-    """The field with its raw vectors in place of the smoothed ones; as it is where it has none (of another program)."""
+    """The field with its unsmoothed vectors in place of the smoothed; as it is where another program made it."""
     names = {f"{n}_matched{s}": f"{n}{s}" for n in ("u", "v") for s in ("", "_sigma")}
     if not names.keys() <= set(data.data_vars):
         return data

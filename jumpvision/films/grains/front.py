@@ -15,8 +15,6 @@ LOCAL = (
     0.5  # the profile below this share of its largest speed is not used: only the neighbourhood of the front matters
 )
 FLANK = 3  # vectors between threshold and LOCAL that an exponential needs; a sharper front is interpolated
-MISFIT = 4.0  # chi2 per degree of freedom above which the profile is no plateau and exponential
-PLATEAU = 0.95  # of the greatest speed: vectors above it are the plateau of a sharp front
 REJECT = 6.0  # robust sigmas from the median of five neighbours beyond which a frame is left out of mu
 LARGEST = 50.0  # of an exponent: a step of the solver may leave what can be
 NAN = float("nan")
@@ -101,7 +99,8 @@ def jammed_thickness(z: ArrayLike, speed: ArrayLike, sigma: ArrayLike, *, thresh
     if best is None:
         return _none(end, "the front could not be fitted")
     (v, z0, length), cov, chi2 = best
-    if chi2 > MISFIT * (end - 3):
+    # a profile with a larger chi2 per degree of freedom is no plateau and exponential
+    if chi2 > 4.0 * (end - 3):
         return _interpolated(z, speed, sigma, threshold)
     fall_log = -math.log(threshold)
     thickness = z0 + length * fall_log
@@ -170,7 +169,8 @@ def _from_the_face(z: Array, v: Array, e: Array, top: float, fall: float) -> tup
 
 def _interpolated(z: Array, v: Array, e: Array, threshold: float) -> Front:
     """Where the speed first falls below threshold times its plateau, linearly between two vectors."""
-    plateau = max(3, int(np.sum(v > PLATEAU * v.max())))
+    # vectors above 0.95 of the greatest speed are the plateau of a sharp front
+    plateau = max(3, int(np.sum(v > 0.95 * v.max())))
     top, top_sigma = float(np.median(v[:plateau])), float(np.median(e[:plateau])) * math.sqrt(0.5 * math.pi / plateau)
     below = np.flatnonzero(v < threshold * top)
     if below.size == 0 or below[0] == 0:

@@ -23,7 +23,6 @@ REASONS = {
     FOOT: "reached the foot",
     LOST: "the field turns too fast for its step",
 }
-TURNS, CLOSE = 60, 1e-4  # of the fixed point, and how near [vectors] it comes
 
 
 NO_FOOT = np.nan, np.nan, np.nan
@@ -98,12 +97,12 @@ def carried(grid: Grid, steps: Iterable[Step], x: Array, y: Array) -> Carried:
     first, own, end = (np.zeros((n, 2, 2)) for _ in range(3))  # covariances
     off_by, plain = np.zeros((n, 2)), np.full((n, 2), np.inf)
     places, sigmas = [place], [np.zeros((2, n))]
-    near = CLOSE * abs(float(grid.x[1] - grid.x[0]))
+    near = 1e-4 * abs(float(grid.x[1] - grid.x[0]))
     for k, (f, lasts, foot) in enumerate(steps):
         go = np.flatnonzero(why == UNDER_WAY)
         place, surface = np.where(why == UNDER_WAY, place, np.nan), Surface(grid, f)
         at, moved, off = place[:, go], np.zeros((2, go.size)), np.zeros(go.size)
-        for _ in range(TURNS):
+        for _ in range(60):  # a fixed point
             once_more = lasts * surface.at(*(at + 0.5 * moved))
             off, moved = np.abs(once_more - moved).max(axis=0), once_more
             if not (off > near).any():
@@ -112,7 +111,7 @@ def carried(grid: Grid, steps: Iterable[Step], x: Array, y: Array) -> Carried:
         place[:, go] = at + moved
         now = ended(grid, f.measured, np.isfinite(f.u), middle, place[:, go], foot)
         why[go] = np.where((off > near) & (now == UNDER_WAY), LOST, now)
-        variance = lasts**2 * np.stack([between(grid, known(s), *middle) ** 2 for s in f[2:4]], -1)
+        variance = lasts**2 * np.stack([between(grid, with_largest(s), *middle) ** 2 for s in f[2:4]], -1)
         plain[go] = np.minimum(variance, SUDDEN_NOISE.value * plain[go])
         noise = np.eye(2) * (0.5 * (1.0 - OWN_NOISE.value) * plain[go][:, None])
         half = 0.5 * lasts * surface.gradient(*middle)
@@ -158,7 +157,7 @@ def ended(
     return np.select([pushed, ~inside, ~cell], [FOOT, OUTSIDE, UNSEEN], why).astype(np.int8)
 
 
-def known(sigma: Array) -> Array:
+def with_largest(sigma: Array) -> Array:
     """Uncertainties with the largest in place of NaN."""
     there = np.isfinite(sigma)
     return np.where(there, sigma, np.max(sigma, where=there, initial=0.0))

@@ -16,7 +16,6 @@ from .gradients import correlated_variance
 from .grid import Plane
 
 REACH = 2  # vectors on each side of the greatest shear rate through which its parabola is laid
-LEAST_RIDGE = 4.0  # sigmas of the shear rate below which a row has no ridge
 LEAST_ROWS = 4  # on both sides together, beyond the three parameters
 SOFT = 1.5  # robust sigmas beyond which a row weighs less
 
@@ -134,7 +133,8 @@ def _ridge(rate: Array, sigma: Array, r: Array, reach: float, step: float) -> fl
         return math.nan
     j = int(np.argmax(np.where(use, rate, -np.inf)))
     near = np.arange(j - REACH, j + REACH + 1)
-    if near[0] < 0 or near[-1] >= r.size or not np.isfinite(rate[near]).all() or rate[j] < LEAST_RIDGE * sigma[j]:
+    # a row whose shear rate is below 4 sigma has no ridge
+    if near[0] < 0 or near[-1] >= r.size or not np.isfinite(rate[near]).all() or rate[j] < 4.0 * sigma[j]:
         return math.nan
     k = np.arange(-REACH, REACH + 1, dtype=float)
     bend, slope, _ = np.polyfit(k, rate[near], 2)
@@ -144,9 +144,8 @@ def _ridge(rate: Array, sigma: Array, r: Array, reach: float, step: float) -> fl
     return float(r[j] + shift * step * np.sign(r[min(j + 1, r.size - 1)] - r[max(j - 1, 0)]))
 
 
-ROUNDS = 3  # of choosing the vectors from the line found
 INSIDE, OUTSIDE = 1.5, 1.0  # windows from the line within which vectors count
-LEAST = 40  # vectors, for eleven parameters
+LEAST_VECTORS = 40  # vectors, for eleven parameters
 SHARPER = 1.5  # how much less the blur may be: it is known within about that factor
 SHORTEST = 1.5  # windows: depth over which a shorter side has no angle
 STEEP = (math.radians(15.0), math.radians(88.0))  # of a side that can be told from the face and from a wall
@@ -212,7 +211,7 @@ def cone_side(
         beneath, beside, down, each = d[near], r[near], -v[near], sigma[near]
         t = (beneath - middle) / half
 
-        def told(q: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
+        def terms(q: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
             """The blur's bell, S, n, the step along the side, what n is multiplied with, and exp(-lag) / sigma."""
             width = math.exp(q[10]) if spread is None else spread
             out = _outwards(q, beneath, beside)
@@ -223,11 +222,11 @@ def cone_side(
             return bell, beyond, n, step, fall, np.exp(-(step * beyond + fall * n + q[9] * n * n)) / each
 
         def residual(q: Array) -> Array:
-            return np.asarray(down / each - q[3] * told(q)[-1])
+            return np.asarray(down / each - q[3] * terms(q)[-1])
 
         def slopes(q: Array) -> Array:
             width = math.exp(q[10]) if spread is None else spread
-            bell, beyond, n, step, fall, share = told(q)
+            bell, beyond, n, step, fall, share = terms(q)
             sine, cosine, off = math.sin(q[0]), math.cos(q[0]), beside - q[2]
             deeper = fall + 2.0 * q[9] * n
             by_lag = q[3] * share
@@ -251,12 +250,14 @@ def cone_side(
         )
         return found.x, found.jac, 2.0 * float(found.cost)
 
-    for _ in range(ROUNDS):
+    for _ in range(3):  # the vectors are chosen from the line found
         out = _outwards(p, d, r)
         near = ok & (out < OUTSIDE * window) & (out > -INSIDE * window) & (np.abs(r - p[2]) < edge)
         sides = min(np.count_nonzero(near & (r > 0.0)), np.count_nonzero(near & (r < 0.0)))
-        if sides < LEAST // 2:
-            return _none(int(near.sum()), f"{near.sum()} vectors about both sides; {LEAST} are needed, half on each")
+        if sides < LEAST_VECTORS // 2:
+            return _none(
+                int(near.sum()), f"{near.sum()} vectors about both sides; {LEAST_VECTORS} are needed, half on each"
+            )
         p, jacobian, chi2 = solved(p, blur)
         if not STEEP[0] < p[0] < STEEP[1]:
             return _none(int(near.sum()), "no line at which the grains begin to lag behind the foot")

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
 
-FEWEST = 3  # measured vectors at a place, below which it has no fluctuation
-
 
 class Velocities(NamedTuple):
     """One field, all (ny, nx): u, v, their standard uncertainties, and where they were measured."""
@@ -95,7 +93,7 @@ def steady(fields: Iterable[Velocities], u: Memory, v: Memory) -> Steady:
         times += 1
     if times == 0:
         raise ValueError("steady: no field")
-    known = np.where(n >= FEWEST, n, np.nan)
+    known = np.where(n >= 3, n, np.nan)  # fewer measured vectors have no fluctuation
     u_worth, v_worth, uu_worth, vv_worth, uv_worth = (
         independent(known, times, m) for m in (u.mean, v.mean, u.square, v.square, math.sqrt(u.square * v.square))
     )

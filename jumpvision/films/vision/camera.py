@@ -148,10 +148,6 @@ def _homography(pixel: Array, metre: Array) -> Array | None:
     return found if found is not None and np.isfinite(found).all() else None
 
 
-ROUNDS = 50  # of the fixed-point inversion of lens and view, at most
-CLOSE = 1e-4  # px, a change that ends it
-
-
 def straight_points(view: Camera, shape: tuple[int, int], scale: float, x: Array, y: Array) -> tuple[Array, Array]:
     """Column, row in the straight picture of seen columns x, rows y [px]; x right, y up, `scale` [m/px].
 
@@ -166,10 +162,10 @@ def straight_map(view: Camera, shape: tuple[int, int], scale: float) -> tuple[ND
     """Seen (column, row) of every pixel of the straight picture, shape (rows, columns) each: the maps of cv2.remap."""
     row, column = np.mgrid[: shape[0], : shape[1]].astype(float)
     x, y = column.copy(), row.copy()
-    for _ in range(ROUNDS):
+    for _ in range(50):  # a fixed point; a strong lens takes ten rounds
         c, r = straight_points(view, shape, scale, x, y)
         x, y = x + (column - c), y + (row - r)
-        if max(np.abs(column - c).max(), np.abs(row - r).max()) < CLOSE:
+        if max(np.abs(column - c).max(), np.abs(row - r).max()) < 1e-4:  # px
             break
     c, r = straight_points(view, shape, scale, x, y)
     off = float(np.max(np.hypot(column - c, row - r)))

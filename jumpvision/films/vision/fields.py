@@ -11,12 +11,7 @@ from jumpvision.films.frames.base import Film, Image
 
 ORDERS = ("together", "top", "bottom")  # as they come; the upper, the lower rows first
 COMBED = 1.3  # mean square of what differs between neighbouring rows over that between rows of one field
-STANDS = 2.0  # and over that where nothing moves
 MOVED = 6.0  # of the frames' usual difference: pixels that something moves over
-LEAST = 30  # such pixels
-PLACES = 8  # of a film that are looked at
-CLEAR = 0.22  # of the logarithm of how much the fields that meet comb by both orders
-COLUMNS = 640  # of them, or some more
 
 INTERLACED = 'the film is interlaced: every frame shows two instants; give {} = "{}" to follow both'
 
@@ -68,8 +63,8 @@ def order_of(frames: Sequence[Image] | Film) -> str:
     n = len(frames)
     if n < 2 or len(np.asarray(frames[0])) < 8:
         return ""
-    at = np.unique(np.linspace(0, n - 2, min(PLACES, n - 1)).astype(int))
-    thin = slice(None, None, max(1, np.asarray(frames[0]).shape[1] // COLUMNS))
+    at = np.unique(np.linspace(0, n - 2, min(8, n - 1)).astype(int))  # eight places of the film
+    thin = slice(None, None, max(1, np.asarray(frames[0]).shape[1] // 640))
     pairs = [[np.asarray(frames[int(k + j)])[:, thin].astype(np.float32) for j in (0, 1)] for k in at]
     scene = np.median([f for pair in pairs for f in pair], axis=0)
     combs: list[tuple[float, float, float]] = []  # in what moves: between neighbours, in a field; neighbours elsewhere
@@ -77,7 +72,7 @@ def order_of(frames: Sequence[Image] | Film) -> str:
     for a, b in pairs:
         change = np.abs(a - b)[2:-2]
         moved = change > MOVED * max(1.0, *(float(np.median(change[k::2])) for k in (0, 1)))
-        if moved.sum() < LEAST or moved.all():
+        if moved.sum() < 30 or moved.all():  # too few to tell
             continue
         near, far = _combs(a)
         combs.append((float(near[moved].mean()), float(far[moved].mean()), float(near[~moved].mean())))
@@ -91,10 +86,11 @@ def order_of(frames: Sequence[Image] | Film) -> str:
     if not combs:
         return ""
     inside, across, still = np.mean(combs, axis=0)  # what goes slowly combs little, and weighs little here
-    if inside < max(COMBED * across, STANDS * still):
+    if inside < max(COMBED * across, 2.0 * still):  # and twice what combs where nothing moves
         return ""
     fast = [near > COMBED * far for near, far, _ in combs]
-    if abs(clear := float(np.median(np.array(meets)[fast]))) > CLEAR:
+    # logarithm of how much the fields that meet comb by both orders: less does not tell them
+    if abs(clear := float(np.median(np.array(meets)[fast]))) > 0.22:
         return "top" if clear < 0.0 else "bottom"
     way = np.array(ways)[fast]
     if not np.isfinite(way).all(axis=1).any():

@@ -22,10 +22,7 @@ SMOOTH = 1.0  # px, standard deviation of the Gaussian that both pictures of the
 BLOCK = 16  # columns that share a grain: the errors of blocks are independent, those of columns are not
 CLIP = 9.0  # squared residual, in variances, above which a pixel of the body says no more than that it is hidden
 MAX_SIGMA = 0.5  # px, a worse face is no face
-SPARED = 3  # last rows of the body in frame 0 that are not searched for: the face is known to 3 px
 LEAST_ROWS = 5  # of the body to be compared
-MATCH = 0.5  # correlation coefficient below which a texture is not that of frame 0
-ALIKE, APART = 4, 0.15  # rows within which one match has high coefficients; lead over those farther off
 
 
 class Found(NamedTuple):
@@ -84,7 +81,8 @@ class Body:
             scipy.ndimage.gaussian_filter(t, SMOOTH), order=3, axis=0, mode="nearest"
         )
         inside = t[: clean - self.top + 1]
-        keep = slice(0, max(len(inside) - SPARED, 0))
+        # the face is known to 3 px: the last rows of the body in frame 0 are not searched for
+        keep = slice(0, max(len(inside) - 3, 0))
         self.first, self.texture = self.top, scipy.ndimage.gaussian_filter(inside, SMOOTH)[keep]
         # noise from second differences along the columns, robust against the texture of the body
         self.noise = max(FROM_MAD * float(np.median(np.abs(np.diff(inside, 2, axis=0)))) / math.sqrt(6), 0.5)
@@ -137,8 +135,11 @@ class Body:
             b = straightened(self.texture[top - n - self.first : bottom - n - self.first])
             score[k] = float((a * b).sum()) / math.sqrt(max(float((a * a).sum() * (b * b).sum()), 1e-12))
         best = int(np.argmax(score))
-        others = score[np.abs(np.arange(len(shifts)) - best) > ALIKE]
-        if score[best] < MATCH or (others.size and float(others.max()) > score[best] - APART):
+        # one match has high coefficients within 4 rows
+        others = score[np.abs(np.arange(len(shifts)) - best) > 4]
+        # below a half a texture is not that of frame 0;
+        # and it must lead over those farther off
+        if score[best] < 0.5 or (others.size and float(others.max()) > score[best] - 0.15):
             return math.nan
         return self.row + float(shifts[best])
 

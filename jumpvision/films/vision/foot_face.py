@@ -85,9 +85,7 @@ def track_foot(
 
 ABOVE, BELOW = 12, 8  # rows about the expected face that are laid over each other
 BLOCK = 16  # columns that share a grain
-LEAST, LEAST_BLOCKS = 6, 4  # frames, blocks of columns
 SHARP = 2.5  # rows
-CONTRAST = 3.0  # change of grey from frame to frame below the face over that above it: less is no end of a body
 
 
 class Stack:
@@ -116,14 +114,15 @@ class Stack:
         which grains change: a single block is as uneven as its few grains and, in a noisy film, far too deep. Sigma:
         jackknife over the blocks.
         """
-        if self.n < LEAST:
+        if self.n < 6:  # frames that tell a scatter
             return 0.0, math.inf
         variance = np.maximum(np.asarray(self.squares) / self.n - (np.asarray(self.sum) / self.n) ** 2, 0.0)
         blocks = variance.shape[1] // BLOCK
         variance = variance[:, : blocks * BLOCK].reshape(len(self.u), blocks, BLOCK).mean(2)
-        changing = variance[:, variance[-4:].mean(0) > CONTRAST**2 * variance[:3].mean(0)]
+        # the grey below the face must change three times as much as above it: less is no end of a body
+        changing = variance[:, variance[-4:].mean(0) > 3.0**2 * variance[:3].mean(0)]
         n = changing.shape[1]
-        if n < max(LEAST_BLOCKS, blocks // 4):
+        if n < max(4, blocks // 4):  # a jackknife over fewer says little
             return 0.0, math.inf
         centre = _face(self.u, changing.mean(1))
         others = np.array([_face(self.u, np.delete(changing, k, axis=1).mean(1)) for k in range(n)])

@@ -11,13 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import FROM_MAD, Array
 
-LARGEST_STEP = 6  # px by which the line may change from one column to the next
-STEP_COST = 0.02  # of the typical contrast, per px of such a change
-LOW_CONTRAST = 0.2  # columns whose line is below this share of the typical one have no line
-NARROW, WIDE = 2.0, 8.0  # px, the line is looked for where the mean over the one exceeds that over the other
-REACH = 4.0  # line widths above and below the crest that the fit looks at
 SPECKLE_SIZES = (0.2, 0.8, 1.6)  # px, standard deviations of the Gaussians that make up the correlation of speckle
-SAMPLE = 400  # columns from which the noise is read
 NAN = float("nan")
 
 
@@ -49,19 +43,22 @@ def laser_line(image: ArrayLike, *, saturation: float | None = None) -> LaserLin
     column = np.arange(nx, dtype=float)
     whole = np.isfinite(grey)
     grey = np.where(whole, grey, np.nanmedian(grey))
-    strength = scipy.ndimage.gaussian_filter1d(grey, NARROW, axis=0) - scipy.ndimage.gaussian_filter1d(
-        grey, WIDE, axis=0
-    )
+    # a line is where the mean over 2 px exceeds that over 8 px
+    narrow, wide = (scipy.ndimage.gaussian_filter1d(grey, size, axis=0) for size in (2.0, 8.0))
+    strength = narrow - wide
     typical = float(np.median(strength.max(axis=0)))
     noise = FROM_MAD * float(np.median(np.abs(np.diff(grey, axis=0)))) / np.sqrt(2.0)
     if not typical > max(3.0 * noise, 1e-9 * float(np.abs(grey).max())):
         nothing = np.full(nx, NAN)
         return LaserLine(column, nothing, nothing, nothing, np.full(nx, "no bright line"))
-    path = strongest_chain(np.ascontiguousarray(strength.T) / typical, LARGEST_STEP, STEP_COST)
-    there = strength[path, np.arange(nx)] > LOW_CONTRAST * typical
+    # the line may change by 6 px from one column to the next,
+    # each of which costs 0.02 of the typical contrast
+    path = strongest_chain(np.ascontiguousarray(strength.T) / typical, 6, 0.02)
+    # columns below a fifth of the typical contrast have no line
+    there = strength[path, np.arange(nx)] > 0.2 * typical
 
     width = _typical_width(grey, path, there)
-    reach = max(4, int(np.ceil(REACH * width)))
+    reach = max(4, int(np.ceil(4.0 * width)))  # four line widths on each side
     offsets = np.arange(-reach, reach + 1)
     rows = np.clip(path[:, None] + offsets, 0, ny - 1)
     y = grey[rows, np.arange(nx)[:, None]]
@@ -174,7 +171,7 @@ def _inverse_noise(
         return [np.broadcast_to(eye, product.shape), light[i][:, :, None] * eye, *(product * k for k in shared)]
 
     take = np.flatnonzero(good)
-    take = take[:: max(1, take.size // SAMPLE)]
+    take = take[:: max(1, take.size // 400)]  # 400 columns tell the noise
     j, w = jac[take], weight[take]
     on = use[take].astype(float)
     solve = np.linalg.pinv(np.einsum("nri,nrs,nsj->nij", j, w, j, optimize=True), hermitian=True)

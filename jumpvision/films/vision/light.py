@@ -13,9 +13,7 @@ from jumpvision.films.calibration import CLIPPED_EDGE, VISIBLE_GLOW
 
 REACH = 8  # px, rows on each side of the edge
 PER_PIXEL = 4  # bins a pixel
-FEWEST = 32  # columns, below which no profile is made
-BELOW = 1.5  # px under the clipped edge: further down grains and light between them bend the profile
-DEEP = 4.5  # px, from which on the profile is the dark of the bed
+LEAST_COLUMNS = 32  # columns, below which no profile is made
 NAN = float("nan")
 
 
@@ -33,7 +31,7 @@ def clipped_shift(grey: Array, row: Array, saturation: float) -> tuple[float, fl
     below the edge. NaN where there are too few columns, or nothing of the edge is left to see.
     """
     column = np.flatnonzero(np.isfinite(row) & (row > REACH + 1) & (row < len(grey) - REACH - 2))
-    if column.size < FEWEST:
+    if column.size < LEAST_COLUMNS:
         return NAN, NAN
     rows = np.rint(row[column]).astype(int)[:, None] + np.arange(-REACH, REACH + 1)
     y = grey[rows, column[:, None]]
@@ -43,7 +41,8 @@ def clipped_shift(grey: Array, row: Array, saturation: float) -> tuple[float, fl
     kept = (count >= 8) & (np.bincount(at, (y >= saturation).ravel()) < 0.01 * count)
     t, weight = (np.flatnonzero(kept) + low) / PER_PIXEL, np.sqrt(count[kept])
     mean = np.bincount(at, y.ravel())[kept] / count[kept] / saturation
-    deep, edge = t > DEEP, t < BELOW
+    # px under the clipped edge: further down grains and light between them bend the profile;
+    deep, edge = t > 4.5, t < 1.5  # from 4.5 px on it is the dark of the bed
     if deep.sum() < 4 or edge.sum() < 6:
         return NAN, NAN
     dark, t, mean, weight = float(np.average(mean[deep], weights=weight[deep] ** 2)), t[edge], mean[edge], weight[edge]
@@ -65,7 +64,7 @@ def glow_shift(grey: Array, row: Array) -> tuple[float, float]:
     """
     ny = grey.shape[0]
     column = np.flatnonzero(np.isfinite(row) & (row > REACH + 1) & (row < ny - REACH - 2))
-    if column.size < FEWEST:
+    if column.size < LEAST_COLUMNS:
         return 0.0, 0.0
     middle = np.rint(row[column]).astype(int)
     rows = middle[:, None] + np.arange(-REACH, REACH + 1)

@@ -18,15 +18,14 @@ from numpy.typing import ArrayLike
 from jumpvision.base.arrays import Array
 from jumpvision.films.calibration import CLICKED_MARK
 
-LEAST = 6  # marks of a camera, not in one plane
-STEP = 1e-6  # relative to a parameter's own scale, of a derivative
-ROUNDS = 12  # of Gauss and Newton, at most: each squares the error
+FOCAL, CENTRE, BENT, TURN, SHIFT = 0, slice(1, 3), 3, slice(4, 7), slice(7, 10)  # places in p of a Pinhole
+LEAST_MARKS = 6  # marks of a camera, not in one plane
 FAR = 5.5  # sigma by which the rays of one body miss each other: chance 4e-8
 
 
 @dataclass(frozen=True)
 class Pinhole:
-    """A camera from its marks. p: (9,) f, c_x, c_y [px], k1, rotation vector (3,), T (3,) [m], less what is not fitted.
+    """A camera from its marks. p: (10,) f, c_x, c_y [px], k1, rotation vector (3,), T (3,) [m].
 
     covariance: (10, 10) of p, zero for what was not fitted. residual_px: rms of a coordinate; NaN with none to spare.
     """
@@ -45,11 +44,11 @@ def projected(p: Array, place: Array, radius: float = 0.0) -> Array:
 
     The outline of a ball of `radius` [m] is an ellipse about a c/(c^2 - radius^2), not about a/c: the tangent cone.
     """
-    rotation = scipy.spatial.transform.Rotation.from_rotvec(p[4:7]).as_matrix()
-    a, b, c = np.moveaxis(np.asarray(place) @ rotation.T + p[7:], -1, 0)
+    rotation = scipy.spatial.transform.Rotation.from_rotvec(p[TURN]).as_matrix()
+    a, b, c = np.moveaxis(np.asarray(place) @ rotation.T + p[SHIFT], -1, 0)
     x, y = (q * c / (c * c - radius * radius) for q in (a, b))
-    bent = p[0] * (1.0 + p[3] * (x * x + y * y))
-    return np.stack([p[1] + bent * x, p[2] + bent * y], axis=-1)
+    scale = p[FOCAL] * (1.0 + p[BENT] * (x * x + y * y))
+    return np.stack([scale * x, scale * y], axis=-1) + p[CENTRE]
 
 
 def pinhole(pixel: ArrayLike, place: ArrayLike, *, lens: bool = False) -> Pinhole:
@@ -57,15 +56,15 @@ def pinhole(pixel: ArrayLike, place: ArrayLike, *, lens: bool = False) -> Pinhol
 
     lens: fit the distortion k1 too. The places count as exact; what is left of the pixels over the spare coordinates is
     their uncertainty, or CLICKED_MARK where none or too few (below 3) are to spare. Raises ValueError for fewer than
-    LEAST marks, marks in one plane, or none that a camera could see so.
+    LEAST_MARKS marks, marks in one plane, or none that a camera could see so.
     """
     pixel, place = np.asarray(pixel, float), np.asarray(place, float)
     if pixel.shape != (len(place), 2) or place.shape != (len(place), 3):
         raise ValueError(f"marks: pixels {pixel.shape} and places {place.shape}: give (n, 2) and (n, 3)")
     if not (np.isfinite(pixel).all() and np.isfinite(place).all()):
         raise ValueError("marks: a coordinate is not a finite number")
-    if len(place) < LEAST:
-        raise ValueError(f"marks: {len(place)}; a camera needs {LEAST} or more, not all in one plane")
+    if len(place) < LEAST_MARKS:
+        raise ValueError(f"marks: {len(place)}; a camera needs {LEAST_MARKS} or more, not all in one plane")
     size = np.linalg.svd(place - place.mean(axis=0), compute_uv=False)
     if size[2] < 1e-2 * size[0]:
         raise ValueError("marks: they lie in one plane (or nearly); add some before or behind it")
@@ -82,8 +81,8 @@ def pinhole(pixel: ArrayLike, place: ArrayLike, *, lens: bool = False) -> Pinhol
     residual = math.sqrt(2.0 * found.cost / spare) if spare > 0 else math.nan
     p, covariance = start.copy(), np.zeros((10, 10))
     p[free] = found.x
-    depth = place @ scipy.spatial.transform.Rotation.from_rotvec(p[4:7]).as_matrix()[2] + p[9]
-    if not (p[0] > 0.0 and (depth > 0.0).all()):
+    depth = place @ scipy.spatial.transform.Rotation.from_rotvec(p[TURN]).as_matrix()[2] + p[SHIFT][2]
+    if not (p[FOCAL] > 0.0 and (depth > 0.0).all()):
         raise ValueError("marks: no camera sees them so; are pixels and places in the same order, rows counted down?")
     noise = residual if spare >= 3 else CLICKED_MARK.value
     scale = np.linalg.norm(found.jac, axis=0)
@@ -141,7 +140,7 @@ def triangulate(
         return np.concatenate([c.sees(place, radius) for c in cameras], axis=-1)
 
     place = _crossing(cameras, pixels)
-    for _ in range(ROUNDS):
+    for _ in range(12):  # Gauss-Newton; each squares the error
         slope = _slope(view, place)
         step = _solved(slope * weight[:, :, None], (seen - view(place)) * weight)
         place = place + step
@@ -171,14 +170,14 @@ def _crossing(cameras: tuple[Pinhole, Pinhole], pixels: tuple[Array, Array]) -> 
     normal, right = np.zeros((len(pixels[0]), 3, 3)), np.zeros((len(pixels[0]), 3))
     for camera, pixel in zip(cameras, pixels):
         p = camera.p
-        rotation = scipy.spatial.transform.Rotation.from_rotvec(p[4:7]).as_matrix()
-        x = (pixel - p[1:3]) / p[0]
-        x = x / (1.0 + p[3] * np.sum(x * x, axis=1, keepdims=True))
+        rotation = scipy.spatial.transform.Rotation.from_rotvec(p[TURN]).as_matrix()
+        x = (pixel - p[CENTRE]) / p[FOCAL]
+        x = x / (1.0 + p[BENT] * np.sum(x * x, axis=1, keepdims=True))
         ray = np.column_stack([x, np.ones(len(x))]) @ rotation
         ray /= np.linalg.norm(ray, axis=1, keepdims=True)
         across = np.eye(3) - ray[:, :, None] * ray[:, None, :]
         normal += across
-        right += across @ (-rotation.T @ p[7:])
+        right += across @ (-rotation.T @ p[SHIFT])
     out = np.full_like(right, np.nan)
     good = np.isfinite(normal).all(axis=(1, 2))
     out[good] = np.linalg.solve(normal[good], right[good][..., None])[..., 0]
@@ -197,7 +196,7 @@ def _by_parameter(camera: Pinhole, place: Array, radius: float) -> Array:
     sides = []
     for k in range(10):
         step = np.zeros(10)
-        step[k] = STEP * max(abs(camera.p[k]), 1e-2)
+        step[k] = 1e-6 * max(abs(camera.p[k]), 1e-2)  # of the parameter's own scale
         up, down = (projected(camera.p + s * step, place, radius) for s in (1, -1))
         sides.append((up - down) / (2.0 * step[k]))
     return np.stack(sides, axis=-1)

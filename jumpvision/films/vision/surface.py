@@ -15,9 +15,6 @@ from .laser_line import strongest_chain
 from .light import clipped_columns, clipped_shift, glow_shift
 
 REACH = 8  # px above and below the surface that the step filter and the edge fit look at
-LARGEST_STEP = 6  # px by which the surface may change from one column to the next
-STEP_COST = 0.02  # of the typical contrast, per px of such a change
-LOW_CONTRAST = 0.3  # columns whose step is below this share of the typical one have no surface
 ITERATIONS = 3  # of dilation and erosion in the threshold method
 NAN = float("nan")
 
@@ -137,13 +134,16 @@ def _edge(grey: Array, saturation: float | None) -> Surface:
     column = np.arange(nx, dtype=float)
     if not typical > 0.0:
         return Surface(column, np.full(nx, NAN), np.full(nx, NAN), np.full(nx, "no bright-above-dark edge"))
-    path = strongest_chain(np.ascontiguousarray(strength.T) / typical, LARGEST_STEP, STEP_COST)
+    # the surface may change by 6 px from one column to the next,
+    # each of which costs 0.02 of the typical contrast
+    path = strongest_chain(np.ascontiguousarray(strength.T) / typical, 6, 0.02)
     contrast = strength[path, np.arange(nx)]
     start = at[path] - 0.5
     row, sigma, fitted = _edge_fit(grey, start)
     flag = np.full(nx, "", dtype="<U32")
     flag[~fitted] = "edge fit failed"
-    flag[contrast < LOW_CONTRAST * typical] = "no contrast"
+    # columns whose step is below 0.3 of the typical one have no surface
+    flag[contrast < 0.3 * typical] = "no contrast"
     clipped = np.zeros(nx, bool)
     if saturation is not None:
         clipped = clipped_columns(grey, np.where(flag == "", row, NAN), saturation)

@@ -271,10 +271,10 @@ def parameters_with(own: Sequence[Mechanism]) -> type[ModelParameters]:
 
 @functools.cache
 def _with(parameters: tuple[Parameter, ...]) -> type[ModelParameters]:
-    made = [(p.name, float, param(p.default, p.unit, p.meaning, lo=p.lo, hi=p.hi)) for p in parameters]
+    fields = [(p.name, float, param(p.default, p.unit, p.meaning, lo=p.lo, hi=p.hi)) for p in parameters]
     return make_dataclass(
         "ModelParameters",
-        made,
+        fields,
         bases=(ModelParameters,),
         frozen=True,
         namespace={"__reduce__": lambda self: (_again, (parameters, dict(self.__dict__)))},

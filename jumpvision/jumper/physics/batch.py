@@ -17,19 +17,17 @@ from jumpvision.jumper.mechanisms.record import Body
 from jumpvision.jumper.mechanisms.registry import PARAMETERS
 from jumpvision.jumper.physics.hard.analysis import half_cycle_rows
 from jumpvision.jumper.physics.hard.jump import RESULTS, hard_sweep, sine_rows
-from jumpvision.jumper.physics.sand.events import CANNOT_CARRY
-from jumpvision.jumper.physics.sand.jump import Motion, pack, simulate
+from jumpvision.jumper.physics.sand.jump import pack
+from jumpvision.jumper.physics.sand.run import CANNOT_CARRY
 
-from .energy import acceleration
-from .forcing import Forcing
 from .model import BED, ROBOT, Model
 from .oscillator import amplitude_of, damping_of, gravity_of
-from .sand import compiled, events
+from .sand import compiled, run
 
 FAILURE = {
-    events.TOO_MANY_EVENTS: "more events than a jump can have",
-    events.STEP_TOO_SMALL: "the step became too small",
-    events.CANNOT_CARRY: "the bed cannot carry the robot",
+    run.TOO_MANY_EVENTS: "more events than a jump can have",
+    run.STEP_TOO_SMALL: "the step became too small",
+    run.CANNOT_CARRY: "the bed cannot carry the robot",
 }
 
 
@@ -143,7 +141,6 @@ OF_MODEL = "model."  # before the name of a model parameter that differs from po
 BY_AREA = tuple(p.name for p in PARAMETERS.values() if p.by_area)
 TAIL = 0.6  # s simulated on sand after the motor stops, doubled until the jump has landed
 MOST = 30.0  # s, longest tail that is doubled once more
-SAMPLES = 400  # of the motor force while the law runs
 
 
 def resolve(base: Mapping[str, float], given: Mapping[str, ArrayLike]) -> dict[str, Array]:
@@ -268,41 +265,3 @@ def until_landed(follow: Callable[[float], tuple[M, Array]], stop: float) -> M:
         if not airborne or (flights[:, 1] > stop).any() or tail > MOST:
             return motion
         tail *= 2.0
-
-
-def jump_results(model: Model, law: Forcing, *, rtol: float, atol: float) -> tuple[dict[str, float], Motion]:
-    """The results of one jump by their names in RESULTS, as hard_sweep's, and its motion.
-
-    Peaks are of SAMPLES points of the law (right to (2 pi / SAMPLES)^2 / 8 of a cycle's peak), those of force NaN with
-    motor_lag, where X_m'' is not that of the law. The motion's times are those, from its start, and one after the
-    landing.
-    """
-    driven = np.linspace(law.start, law.stop, SAMPLES, endpoint=False)
-
-    def follow(end: float) -> tuple[Motion, Array]:
-        motion = simulate(model, law, t=np.append(driven, end), rtol=rtol, atol=atol)
-        return motion, motion.flights
-
-    m = until_landed(follow, law.stop)
-    late = np.flatnonzero(~(m.flights[:, 1] <= law.stop))  # ends after the forcing, or not at all
-    force, rate = np.full(SAMPLES, np.nan), law(driven)[1]
-    if "motor_lag" not in model:
-        v_motor = m.rod_velocity[:-1] + rate
-        rail = np.zeros(SAMPLES)
-        for friction in model.acting(Body.CARRIAGE, Body.RAIL):
-            rail += model.force(friction, v_m=v_motor)
-        # m_m a_m = -m_m g + F_m + rail with a_m = a_r + X_m'' and M a_r = -M g + F_s + rail - m_m X_m''
-        share = model.m_m / model.M
-        accel = (1.0 - share) * acceleration(law, driven) + (m.spring_force[:-1] + rail) / model.M
-        force = model.m_m * accel - rail
-    results = {
-        "com_height_m": m.com_height,
-        "flight_height_m": m.flight_height if late.size else 0.0,
-        "jump_height_m": m.jump_height,
-        "n_jumps": float(late[0] + 1 if late.size else len(m.flights)),
-        "lift_off_s": float(m.flights[0, 0]) - law.start if len(m.flights) else math.nan,
-        "peak_power_W": float(np.max(force * rate)),
-        "peak_force_N": float(np.max(force)),
-        "peak_motor_speed": float(np.max(np.abs(rate))),
-    }
-    return results, m

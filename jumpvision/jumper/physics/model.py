@@ -176,18 +176,21 @@ class Model:
     @property
     def spare_drag(self) -> float:
         """alpha + (b - 1/2) dm_a/dz at the surface [kg/m]: linear in dm_a/dz, which falls to 0 with depth."""
-        drag = sum((self.force(m, z=SURFACE, v=1.0) for m in self.acting(Body.DRAG)), 0.0)
-        return drag - 0.5 * sum((self._slope_of_mass(m) for m in self.acting(Body.INERTIA)), 0.0)
+        drag, grown = self._at_surface
+        return drag - 0.5 * grown
 
     @property
     def lacks_drag(self) -> Any:
         """Whether a mass that grows with depth would create energy, beyond rounding."""
-        grown = sum((abs(self._slope_of_mass(m)) for m in self.acting(Body.INERTIA)), 0.0)
-        return self.spare_drag < -1e-12 * grown
+        drag, grown = self._at_surface
+        return drag - 0.5 * grown < -1e-12 * abs(drag)
 
-    def _slope_of_mass(self, m: Mechanism) -> Any:
-        assert m.expression is not None
-        return self.value(derivative(m.expression.root, "z"), z=SURFACE)
+    @property
+    def _at_surface(self) -> tuple[Any, Any]:
+        """Drag over v^2, and growth of the mass with depth [kg/m], where the foot enters the bed."""
+        drag = sum((self.force(m, z=SURFACE, v=1.0) for m in self.acting(Body.DRAG)), 0.0)
+        masses = [m.expression.root for m in self.acting(Body.INERTIA) if m.expression]
+        return drag, sum((self.value(derivative(x, "z"), z=SURFACE) for x in masses), 0.0)
 
     def acting(self, *bodies: Body) -> tuple[Mechanism, ...]:
         """Its mechanisms that act on these, in the order of its terms."""

@@ -36,9 +36,9 @@ def is_passive(model: Model, law: Mechanism, seen: Mapping[str, Range], *, alone
     ground only on its way down: the ground's whole force must not pull. Rail and spring: at each position no force on
     the way up may exceed the least on the way down, else a loop between the two gains. A law with an internal state is
     driven through sinusoidal loops until it has settled. Such a law, and a mass, is judged alike with `alone` and not.
-    None for an instrument, which has no energy.
+    None for an instrument, which has no energy, and for a motor, whose is its own.
     """
-    if law.acts_on in (Body.HEIGHT, Body.TIME):
+    if law.acts_on in (Body.HEIGHT, Body.TIME, Body.MOTOR):
         return None
     if law.acts_on is Body.INERTIA:  # `Model` refuses a mass whose growth would create energy
         z = np.linspace(0.0, max(seen["z"][1], 1e-3), POINTS)

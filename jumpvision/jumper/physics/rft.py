@@ -23,7 +23,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import Array
 
-GRAVITY = 9.81  # m/s^2
 UP = np.array([0.0, 0.0, 1.0])
 LEVEL = 1e-9  # share of a unit vector that is rounding
 
@@ -104,12 +103,6 @@ class Grains:
     inertia: float = 0.0
     rise: float = 0.0
     stress: Stress = generic_3d
-
-
-def scale_of(density: float, internal_friction: float) -> float:
-    """scale [N/m^3] from the density of the grains' bed [kg/m^3] and its internal friction (Agarwal et al. 2023)."""
-    mu = internal_friction
-    return density * GRAVITY * (894.0 * mu**3 - 386.0 * mu**2 + 89.0 * mu)
 
 
 class Push(NamedTuple):

@@ -18,7 +18,7 @@ from jumpvision.engine.laws.tree import Node, smooth
 from jumpvision.jumper.mechanisms.record import FORCES, Body, Mechanism
 from jumpvision.jumper.physics.model import Model
 from jumpvision.jumper.physics.sand.jump import equilibrium
-from jumpvision.jumper.physics.sand.laws import REST, left_over, motor_of
+from jumpvision.jumper.physics.sand.laws import REST, left_over, motor_of, static
 
 STUCK, INTRUDE, AIR = "stuck", "intrude", "air"
 SLIP = 0.01  # m/s, over which the rail's Coulomb friction changes its sign
@@ -108,6 +108,11 @@ class Jumper:
         return self.model.m_m * self.model.g / self.drive.kp if self.drive.kp > 0 else 0.0
 
     @property
+    def mechanisms(self) -> list[Mechanism]:
+        """Of the model's terms."""
+        return [self.model.mechanism(t) for t in self.model.terms]
+
+    @property
     def lags(self) -> bool:
         """Whether a law says how the motor follows its command."""
         return bool(self.model.acting(Body.MOTOR))
@@ -151,17 +156,17 @@ class Jumper:
 
     def static_force(self, z: Any, memory: Memory) -> Any:
         """F_p(z) [N] with its overshoots, also the yield threshold."""
-        stiffer: dict[str, Any] = {}
-        for m in self.model.acting(Body.BED) if memory.landed else ():
-            given = {n: stiffer.get(n, self.model.symbol(n)) for n in m.scales}
-            stiffer |= {n: self.model.symbol(m.names[0]) * v for n, v in given.items() if v is not None}
         hole = memory.hole if memory.landed else 0.0
-        force = self.sum_of(Body.STATIC, z=z, **stiffer)
+        force = self.model.value(self._static, self.xp, z=z, z_g=hole)
         return force + self.sum_of(Body.OVERSHOOT, z=z, z_g=hole, z_stop=memory.pause, z_left=memory.left)
+
+    @cached_property
+    def _static(self) -> Node:
+        return smooth(static(self.mechanisms), self.round_off, SLIP)
 
     def left(self, z: Any, memory: Memory) -> Any:
         """`z_left` of a pause at z [m]."""
-        law = left_over([self.model.mechanism(t) for t in self.model.terms])
+        law = left_over(self.mechanisms)
         given = {"z": z, "z_stop": memory.pause, "z_left": memory.left}
         return self.model.value(law, self.xp, **given) if law else 0.0
 
@@ -231,6 +236,5 @@ class Jumper:
 
     def _acceleration(self, X: Any, command: tuple[Any, Any, Any]) -> Any:
         """X_m'' of a motor that follows its command by laws."""
-        routine = motor_of([self.model.mechanism(t) for t in self.model.terms])
         given = dict(zip(("X_c", "V_c", "A_c"), command))
-        return self.model.value(routine[1], self.xp, X=X, **given)
+        return self.model.value(motor_of(self.mechanisms)[1], self.xp, X=X, **given)

@@ -6,11 +6,12 @@ from __future__ import annotations
 import base64
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from jumpvision.base.arrays import AnyArray
 from jumpvision.base.schema import InputError
 
 from .results import Results, each_field
@@ -51,7 +52,7 @@ def _even(places: NDArray[np.float64]) -> bool:
     return bool(np.allclose(steps, steps.mean(), rtol=1e-6, atol=0.0))
 
 
-def _image(x: NDArray[Any], y: NDArray[Any], t: float, arrays: dict[str, NDArray[Any]]) -> Iterator[str]:
+def _image(x: AnyArray, y: AnyArray, t: float, arrays: dict[str, AnyArray]) -> Iterator[str]:
     """One picture; arrays (y, x) or (y, x, 3), x running fastest as VTK counts its points."""
     extent = f"0 {x.size - 1} 0 {y.size - 1} 0 0"
     dx, dy = float(x[-1] - x[0]) / (x.size - 1), float(y[-1] - y[0]) / (y.size - 1)
@@ -64,7 +65,7 @@ def _image(x: NDArray[Any], y: NDArray[Any], t: float, arrays: dict[str, NDArray
     yield "</PointData>\n</Piece>\n</ImageData>\n</VTKFile>\n"
 
 
-def _array(name: str, values: NDArray[Any], more: str) -> str:
+def _array(name: str, values: AnyArray, more: str) -> str:
     """Base64 of the number of bytes and the bytes, little-endian."""
     flat = np.ascontiguousarray(values, values.dtype.newbyteorder("<") if values.dtype != bool else "u1")
     kind, data = KINDS[flat.dtype.str[1:]], flat.tobytes()

@@ -6,13 +6,17 @@ import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jumpvision.base.arrays import AnyArray
 from jumpvision.base.schema import InputError
 
-from .results import Results, folder_for
+from .results import Results, each_file
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 LONGEST = 63  # characters of a name in MATLAB
 MOST = 2**31 - 1  # bytes of a variable in MAT 5
@@ -24,41 +28,34 @@ def write_matlab(found: list[Results], out: Path) -> list[str]:
     Of a table each column, of a field each variable with its dimensions in the order of `NAME_dims` and its unit in
     `NAME_units`, of a JSON file each key: structs within, null as NaN.
     """
-    left = []
-    for r in found:
-        folder = folder_for(r, found, out)
-        for file in r.files:
-            target = folder / f"{file.stem}.mat"
-            if file.suffix == ".csv":
-                _write_table(file, target)
-            elif file.suffix == ".json":
-                _save(target, {k: _plain(v) for k, v in json.loads(file.read_text(encoding="utf-8")).items()})
-            elif file.suffix == ".nc":
-                _write_field(file, target)
-            else:
-                left.append(file.name)
-    return sorted(set(left))
+    return each_file(found, out, {".csv": _write_table, ".json": _write_values, ".nc": _write_field})
 
 
-def _write_table(file: Path, target: Path) -> None:
+def _write_table(file: Path, folder: Path) -> None:
     import pandas as pd
 
     table = pd.read_csv(file)
-    _save(target, {str(c): _column(table[c]) for c in table.columns})
+    _save(folder / f"{file.stem}.mat", {str(c): _column(table[c]) for c in table.columns})
 
 
-def _column(values: Any) -> Any:
+def _write_values(file: Path, folder: Path) -> None:
+    values = json.loads(file.read_text(encoding="utf-8"))
+    _save(folder / f"{file.stem}.mat", {k: _plain(v) for k, v in values.items()})
+
+
+def _column(values: pd.Series) -> AnyArray:
     """A column (n, 1): numbers as they are, text as a cell array."""
     if values.dtype.kind in "fiub":
         return values.to_numpy().reshape(-1, 1)
     return np.array(values.fillna("").astype(str), dtype=object).reshape(-1, 1)
 
 
-def _write_field(file: Path, target: Path) -> None:
+def _write_field(file: Path, folder: Path) -> None:
     """One variable after the other, so that only one lies in memory."""
     import xarray as xr
     from scipy.io import savemat
 
+    target = folder / f"{file.stem}.mat"
     with xr.open_dataset(file, engine="netcdf4", decode_times=False, cache=False) as data, target.open("wb") as out:
         for name in [*map(str, data.coords), *map(str, data.data_vars)]:
             values = data[name].load()
@@ -72,13 +69,13 @@ def _write_field(file: Path, target: Path) -> None:
         savemat(out, _named(said), long_field_names=True, oned_as="column")
 
 
-def _save(target: Path, values: Mapping[str, Any]) -> None:
+def _save(target: Path, values: Mapping[str, object]) -> None:
     from scipy.io import savemat
 
     savemat(target, _named(values), long_field_names=True, oned_as="column")
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     """What MAT knows: null becomes NaN, a list of numbers an array, other lists cells, an object a struct."""
     if value is None:
         return np.nan
@@ -94,9 +91,9 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def _named(values: Mapping[str, Any]) -> dict[str, Any]:
+def _named(values: Mapping[str, object]) -> dict[str, object]:
     """The same under names that MATLAB takes: letters, digits and _, a letter first, no two alike."""
-    out = {}
+    out: dict[str, object] = {}
     for name, value in values.items():
         plain = re.sub(r"\W", "_", str(name), flags=re.ASCII)
         plain = (plain if plain[:1].isalpha() else f"x{plain}")[:LONGEST]

@@ -69,6 +69,22 @@ def folder_for(one: Results, found: list[Results], out: Path) -> Path:
     return folder
 
 
+Write = Callable[[Path, Path], None]  # (file, folder that it is written into)
+
+
+def each_file(found: list[Results], out: Path, writers: Mapping[str, Write]) -> list[str]:
+    """Every file by the writer of its suffix, in a folder for each experiment; names of the files that have none."""
+    left = set()
+    for r in found:
+        folder = folder_for(r, found, out)
+        for file in r.files:
+            if write := writers.get(file.suffix):
+                write(file, folder)
+            else:
+                left.add(file.name)
+    return sorted(left)
+
+
 def each_field(found: list[Results], out: Path, write: Callable[[xr.Dataset, Path, str], None]) -> list[str]:
     """write(data, folder, name) of every field over (y, x, t); names of the files that are none. InputError: none."""
     import xarray as xr

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .results import Results, folder_for
+from .results import Results, each_file
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -20,27 +20,19 @@ ENTRY = ["name", "value", "sigma", "sigma_common", "unit", "n", "chi2"]  # of a 
 
 def write_tables(found: list[Results], out: Path) -> list[str]:
     """CSV files in a folder for each experiment; names of the files that hold no numbers."""
-    left = []
-    for r in found:
-        folder = folder_for(r, found, out)
-        for file in r.files:
-            if file.suffix == ".csv":
-                shutil.copyfile(file, folder / file.name)
-            elif file.suffix == ".json":
-                _write(folder / f"{file.stem}.csv", json.loads(file.read_text(encoding="utf-8")))
-            elif file.suffix == ".nc":
-                _write_field(file, folder)
-            else:
-                left.append(file.name)
-    return sorted(set(left))
+    return each_file(found, out, {".csv": _copy, ".json": _write_values, ".nc": _write_field})
 
 
-def _write(target: Path, values: Any) -> None:
+def _copy(file: Path, folder: Path) -> None:
+    shutil.copyfile(file, folder / file.name)
+
+
+def _write_values(file: Path, folder: Path) -> None:
     """NAME.csv with the single values, NAME_PART.csv for each list of a JSON file."""
     import pandas as pd
 
-    single: list[Mapping[str, Any]] = []
-    for name, value in _parts("", values):
+    target, single = folder / f"{file.stem}.csv", list[Mapping[str, Any]]()
+    for name, value in _parts("", json.loads(file.read_text(encoding="utf-8"))):
         if isinstance(value, pd.DataFrame):
             _csv(value, target.with_name(re.sub(r"[^\w.-]", "_", f"{target.stem}_{name}") + ".csv"))
         else:

@@ -16,9 +16,7 @@ from .pictures import png
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-SHOWN = 6  # causes with a line of their own
 COLOURS = (GREEN, MODEL, ACCENT, MEASURED, "#E69F00", "#56B4E9")
-FEWEST = 0.02  # probability that a cause must have had to be shown
 
 
 def exploration_picture(rounds: Sequence[Round]) -> bytes:
@@ -34,7 +32,8 @@ def exploration_picture(rounds: Sequence[Round]) -> bytes:
 def _causes(axis: Axes, rounds: Sequence[Round]) -> None:
     n = [len(r.jumps) for r in rounds]
     greatest = {m: max(r.causes.get(m, 0.0) for r in rounds) for r in rounds for m in r.causes}
-    top = [m for m, p in sorted(greatest.items(), key=lambda x: -x[1]) if p >= FEWEST][:SHOWN]
+    # six causes have a line of their own, if they ever were likely
+    top = [m for m, p in sorted(greatest.items(), key=lambda x: -x[1]) if p >= 0.02][:6]
     for m, colour in zip(top, COLOURS):
         axis.plot(
             n, [r.causes.get(m, 0.0) for r in rounds], "o-", color=colour, lw=1.4, ms=4, label=m.replace("_", " ")

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLOURS = ("#ececec", "white", "#56B4E9", "#D55E00", "#0072B2", "#E69F00", "#F0E442", "#CC79A7")  # as REASONS
-ARROWS = 48  # along a row at most
 LONGEST = 4.0  # typical speeds: a wild vector is drawn no longer
 
 
@@ -62,7 +61,7 @@ def validation_picture(piv: Piv) -> ValidationPicture:
     f = field.isel(t=i).transpose("y", "x")
     x, y = f.x.values * factor, f.y.values * factor
     typical = float(np.nanquantile(np.hypot(f.u, f.v), 0.9)) or 1.0
-    every = max(1, -(-len(x) // ARROWS))
+    every = max(1, -(-len(x) // 48))  # arrows along a row, at most
     few = np.s_[every // 2 :: every, every // 2 :: every]
     u, v = (np.clip(a.values, -LONGEST * typical, LONGEST * typical)[few] for a in (f.u_raw, f.v_raw))
     apart = every * abs(float(x[1] - x[0])) if len(x) > 1 else 1.0

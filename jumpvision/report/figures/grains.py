@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jumpvision.base.arrays import Numbers
+from jumpvision.base.arrays import AnyArray
 from jumpvision.experiment.inputs.sections import Calibration, GrainVideo, PivField
 from jumpvision.experiment.results.fields import Column, Flow, Piv
 from jumpvision.experiment.results.values import Fits
@@ -129,7 +129,7 @@ def band(axis: Axes, x: xr.DataArray, y: xr.DataArray, sigma: xr.DataArray, colo
 FRAMES = 4  # of a sequence
 
 
-def moments(flow: xr.Dataset) -> Numbers:
+def moments(flow: xr.Dataset) -> AnyArray:
     """FRAMES times, evenly spaced while the foot moves down at a tenth of its greatest speed or more."""
     speed = flow.foot_speed.values
     if np.isfinite(speed).any():

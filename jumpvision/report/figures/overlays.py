@@ -32,7 +32,6 @@ MOST = 300  # frames shown; a longer film is thinned evenly
 RATE = 25.0  # frames a second, fewer for short films, so that they last SHORTEST
 SHORTEST = 4.0  # s
 WIDTH = 720  # px; smaller films are enlarged by a whole number, larger ones shrunk
-ARROWS = 32  # along a row at most
 SHOWN = ("u", "v", "chc", "foot_y")  # of a field
 STRIP = 22  # px below the picture, for time and scale
 SHIFT = 4  # bits of sub-pixel drawing
@@ -72,9 +71,7 @@ def webm(pictures: Iterable[Bgr], rate: float, quality: Quality = FIELDS) -> byt
 
 # -- the ball ----------------------------------------------------------------------------------------------------------
 
-SHORT_SIDE = 360  # px at least, by whole factors: small films are enlarged
 LONG_SIDE = 1280  # px at most, about, by whole factors: large films are shrunk
-TAIL = 100  # frames of path behind the ball
 COLOURS = ((60, 220, 60), (60, 160, 255), (255, 120, 200))  # of the balls in turn; BGR
 LOST = (60, 60, 255)
 
@@ -95,7 +92,7 @@ def overlay(track: Track, film: RodVideo, *, p: OverlayParams) -> TrackFilm:
         found = track.good if len(track.good) else track.table
         ball = found.iloc[len(found) // 2]
         white = brightness(frames[int(ball.frame)], ball)
-        factor = round(SHORT_SIDE / min(frames.shape)) or 1
+        factor = round(360 / min(frames.shape)) or 1  # small films are enlarged to 360 px, by whole factors
         pictures = (frame_with_path(frames[i], (track.table, *track.others), i, white, factor) for i in shown)
         return TrackFilm(webm(watch(pictures, "frames drawn", len(shown)), RATE, LINES))
 
@@ -120,7 +117,8 @@ def frame_with_path(image: Image, tables: Sequence[pd.DataFrame], i: int, white:
     for k, table in enumerate(tables):
         colour = COLOURS[k % len(COLOURS)]
         # pixel centres at integers: the centre of pixel 0 lies at (zoom - 1)/2 in the picture shown
-        path = (table[["x_px", "y_px"]].to_numpy(float)[max(0, i - TAIL) : i + 1] + 0.5) * zoom - 0.5
+        # 100 frames of path behind the ball
+        path = (table[["x_px", "y_px"]].to_numpy(float)[max(0, i - 100) : i + 1] + 0.5) * zoom - 0.5
         fixed = np.rint(path * 2**SHIFT)
         for a, b in pairwise(fixed):
             if np.isfinite(a).all() and np.isfinite(b).all():
@@ -212,7 +210,7 @@ class Drawing(View):
 
     def __init__(self, field: xr.Dataset, grid: VectorGrid, image: Image, scale: float):
         super().__init__(field, grid, image, scale)
-        every = max(1, -(-field.sizes["x"] // ARROWS))
+        every = max(1, -(-field.sizes["x"] // 32))  # arrows along a row, at most
         self.part = {"x": slice(every // 2, None, every), "y": slice(every // 2, None, every)}
         self.column, self.row = self.column_of(field.x.values), self.row_of(field.y.values)
         tops = [np.nanmax(s) for s in map(self.speed, self.planes) if np.isfinite(s).any()]
@@ -271,7 +269,6 @@ def arrow(picture: Image, x: float, y: float, dx: float, dy: float, colour: tupl
 # -- the growing cone --------------------------------------------------------------------------------------------------
 
 GREEN, WHITE, PINK = (115, 158, 0), (255, 255, 255), (167, 121, 204)  # BGR
-QUIET = 0.06  # share of the scale below which grains show through as they are
 
 
 class ConeOverlay(Picture):
@@ -333,7 +330,8 @@ class ConeDrawing(View):
         if self.face is not None and np.isfinite(self.face[i]):
             share[: max(0, round(float(self.face[i])))] = 0.0  # above it the foot's edges and the air, not grains
         colours = cv2.applyColorMap((255 * share).astype(np.uint8), cv2.COLORMAP_INFERNO)
-        weight = np.clip((share - QUIET) / 0.3, 0.0, 0.8)[..., None]
+        # below 6 % of the scale grains show through as they are
+        weight = np.clip((share - 0.06) / 0.3, 0.0, 0.8)[..., None]
         picture = (picture * (1.0 - weight) + colours * weight).astype(np.uint8)
         self.draw_face(picture, i)
         if self.sides is not None:

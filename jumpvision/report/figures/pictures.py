@@ -74,10 +74,8 @@ def png(figure: Figure) -> bytes:
     return out.getvalue()
 
 
-MOST_PIXELS = 1600  # of a frame's longer side in a picture; more than a picture of 140 dpi shows
-
-
-def shrunk(image: Image, longest: float = MOST_PIXELS) -> Image:
+# 1600 px are more than a picture of 140 dpi shows
+def shrunk(image: Image, longest: float = 1600) -> Image:
     """A frame (rows, columns) as means of whole blocks where its longer side is more than about `longest` pixels."""
     k = int(min(max(image.shape) // longest, min(image.shape)))
     if k < 2:

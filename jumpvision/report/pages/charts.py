@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, NotRequired, TypedDict, Unpack
+from typing import NamedTuple, NotRequired, TypedDict, Unpack
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from jumpvision.base.arrays import Array
 from jumpvision.engine.detect import LEVEL
@@ -112,10 +112,9 @@ class Chart(TypedDict):
 
 
 MOST = 3000  # points of a series in a page: two a pixel
-DIGITS = 5  # significant figures
 
 
-def numbers(values: Any, factor: float = 1.0, digits: int = DIGITS) -> Numbers:
+def numbers(values: ArrayLike, factor: float = 1.0, digits: int = 5) -> Numbers:  # significant figures
     """Values times factor with so many significant figures; None where they are not finite."""
     array = np.asarray(values, float) * factor
     return [float(f"{v:.{digits}g}") if np.isfinite(v) else None for v in array]
@@ -127,7 +126,14 @@ def axis(label: str, unit: str = "", **look: Unpack[AxisLook]) -> Axis:
 
 
 def series(
-    name: str, role: str, x: Any, y: Any, s: Any = None, *, kind: str = "points", **look: Unpack[SeriesLook]
+    name: str,
+    role: str,
+    x: ArrayLike,
+    y: ArrayLike,
+    s: ArrayLike | None = None,
+    *,
+    kind: str = "points",
+    **look: Unpack[SeriesLook],
 ) -> Series:
     """A series of numbers as they are; s may be None."""
     out: Series = {"name": name, "role": role, "kind": kind, "x": numbers(x), "y": numbers(y), **look}
@@ -149,11 +155,6 @@ def chart(title: str, panels: Sequence[Panel], note: str = "", *, stacked: bool 
 def numbered(values: Sequence[float | None]) -> Array:
     """An array (n,), NaN where unknown."""
     return np.array(values, float)
-
-
-def json_of(file: Path) -> dict[str, Any]:
-    """A JSON object; {} where the file is not there."""
-    return dict(json.loads(file.read_text(encoding="utf-8"))) if file.exists() else {}
 
 
 def fits_of(results: Path) -> Fits:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from jumpvision.experiment.results.fields import Column
+from jumpvision.experiment.inputs.sections import Actuation
+from jumpvision.experiment.results.fields import Column, Flow
 from jumpvision.experiment.results.tables import RodMotion, Simulation
 from jumpvision.experiment.results.values import Intrusion
 
@@ -15,13 +15,13 @@ from .charts import MOST, Chart, Rule, Series, axis, chart, fits_of, panel, seri
 from .quantities import HALF, WHOLE
 
 
-def experiment_charts(results: Path, law: Any = None) -> list[Chart]:
+def experiment_charts(results: Path, law: Actuation | None = None) -> list[Chart]:
     """Figures of one experiment from its result files. law: its [actuation]."""
     made = (jump_chart(results, law), grains_chart(results), intrusion_chart(results))
     return [c for c in made if c is not None]
 
 
-def jump_chart(results: Path, law: Any = None) -> Chart | None:
+def jump_chart(results: Path, law: Actuation | None = None) -> Chart | None:
     """Height of the rod, measured and simulated, and their difference, against time."""
     if not (results / RodMotion.file).exists():
         return None
@@ -65,9 +65,9 @@ def whole_disc(results: Path) -> bool:
     """Whether the grain film shows a whole foot and not half of one at the wall."""
     import xarray as xr
 
-    if not (results / "flow.nc").exists():
+    if not (results / Flow.file).exists():
         return False
-    with xr.open_dataset(results / "flow.nc", decode_times=False) as f:
+    with xr.open_dataset(results / Flow.file, decode_times=False) as f:
         return f.attrs.get("disc") == "full"
 
 
@@ -77,10 +77,10 @@ def grains_chart(results: Path) -> Chart | None:
 
     from jumpvision.films.grains.cone import mass_curve
 
-    if not (results / "flow.nc").exists():
+    if not (results / Flow.file).exists():
         return None
     fits = fits_of(results)
-    with xr.open_dataset(results / "flow.nc", decode_times=False) as f:
+    with xr.open_dataset(results / Flow.file, decode_times=False) as f:
         t, depth = f.t.values, f.foot_depth.values * 1e3
         p, p_sigma, mass, mass_sigma = (
             f[k].values for k in ("momentum", "momentum_sigma", "added_mass", "added_mass_sigma")
@@ -103,7 +103,7 @@ def grains_chart(results: Path) -> Chart | None:
         if np.isfinite(mass[which]).any()
     ]
     radius = float("nan")
-    if (results / "column.nc").exists():
+    if (results / Column.file).exists():
         column = Column.load(results)
         radius, c = column.geometry.foot_radius_m, column.field
         front, front_sigma = c.jammed_thickness.values * 1e3, c.jammed_thickness_sigma.values * 1e3

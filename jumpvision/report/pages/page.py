@@ -26,11 +26,12 @@ from jumpvision.experiment.campaign.truth import (
     overview,
 )
 from jumpvision.experiment.inputs.experiment import Campaign
+from jumpvision.experiment.inputs.sections import Actuation
 from jumpvision.experiment.results.summary import JumpRow
-from jumpvision.experiment.results.values import Fits, Intrusion
+from jumpvision.experiment.results.values import CraterShape, Fits, Intrusion
 from jumpvision.experiment.workflow.run import Outcome
 
-from .charts import diagnosis_charts, fits_of, heights_chart, json_of
+from .charts import diagnosis_charts, fits_of, heights_chart
 from .experiment_charts import experiment_charts, whole_disc
 from .quantities import HALF, WHOLE, fit_rows, typeset
 from .verdict import VerdictShown, causes_shown, detectable_shown
@@ -157,14 +158,16 @@ def filmed_foot(rows: list[dict[str, str]], outcomes: list[Outcome]) -> list[dic
     ]
 
 
-def write_experiment(outcome: Outcome, law: Any, back: str, receipt: str, key: str) -> None:
+def write_experiment(outcome: Outcome, law: Actuation | None, back: str, receipt: str, key: str) -> None:
     """The page of one experiment. back: address of the campaign's; receipt: its provenance.json."""
     folder = outcome.results
     fits = dict(fits_of(folder).estimates)
     if (folder / Intrusion.file).exists():
         fits |= Intrusion.load(folder).fits.estimates
-    crater = json_of(folder / "crater.json")
-    volume = {"volume_m3": Estimate(crater["volume_m3"], crater["sigma_m3"], "m3", 1, math.nan)} if crater else {}
+    volume = {}
+    if (folder / CraterShape.file).exists():
+        crater = CraterShape.load(folder).values
+        volume["volume_m3"] = Estimate(crater["volume_m3"], crater["sigma_m3"], "m3", 1, math.nan)
     sentence, facts = experiment_words(law, outcome.summary, Fits(fits | volume), whole=whole_disc(folder))
     charts = experiment_charts(folder, law)
     made = json.loads(receipt or "{}")

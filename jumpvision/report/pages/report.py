@@ -7,7 +7,7 @@ import json
 from functools import cache
 from importlib.resources import files as resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from jumpvision import __version__
 from jumpvision.base.record import plain
@@ -55,7 +55,7 @@ def write_report(
     return results / files.REPORT
 
 
-def _experiment(outcome: Outcome, law: Any, *, back: str) -> str:
+def _experiment(outcome: Outcome, law: Actuation | None, *, back: str) -> str:
     """The page of one experiment, unless the one there was made from the same results; the digest of these."""
     provenance = outcome.results / files.PROVENANCE
     receipt = provenance.read_text(encoding="utf-8") if provenance.exists() else ""

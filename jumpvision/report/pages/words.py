@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from jumpvision.base.arrays import measured
+from jumpvision.base.arrays import Image, measured
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.values import Noise
 from jumpvision.estimate.crater import ZeroCrossing
+from jumpvision.experiment.inputs.sections import Actuation
 from jumpvision.experiment.results.summary import JumpRow, Summary
 from jumpvision.experiment.results.values import Fits
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
@@ -22,7 +23,6 @@ from .charts import numbered
 from .quantities import HALF, WHOLE
 
 Numbers = list[tuple[str, str, str]]  # value, unit, what it is
-SHOWN = 3
 
 
 def campaign_words(
@@ -76,7 +76,9 @@ def noise_words(noise: Noise) -> str:
 SOURCES = {"stated": "stated", "rest": "at rest", "flight": "in flight", "repeats": "between repeats"}
 
 
-def experiment_words(kind: Any, summary: Summary, fits: Fits, *, whole: bool = False) -> tuple[str, Numbers]:
+def experiment_words(
+    kind: Actuation | None, summary: Summary, fits: Fits, *, whole: bool = False
+) -> tuple[str, Numbers]:
     """(sentence, numbers) of one experiment. kind: its [actuation], or None; whole: the film shows a whole foot."""
     (h, sigma, _), model = summary.jump_height, summary.simulated_height
     facts: Numbers = []
@@ -104,7 +106,7 @@ def experiment_words(kind: Any, summary: Summary, fits: Fits, *, whole: bool = F
     if not text and facts:
         value, unit, label = facts[0]
         text = f"{label[0].upper()}{label[1:]}: {value} {unit}".rstrip() + "."
-    return text, facts[:SHOWN]
+    return text, facts[:3]
 
 
 OTHERS = (  # name in fits.json or intrusion.json, what it is, unit, factor
@@ -124,7 +126,6 @@ def probability(p: float) -> str:
     return f"{p:.2g}" if p >= 1e-4 else "< 0.0001"
 
 
-LARGEST = 6_000_000  # bytes of a film inside a page; the films made here stay under 3 MB
 PREVIEW = 640  # px wide
 
 
@@ -135,7 +136,8 @@ def inline(data: bytes, kind: str = "image/png") -> str:
 
 def film(file: Path) -> str:
     """Source of a film: inside the page, or the file's name where it is longer than a page should hold."""
-    return inline(file.read_bytes(), "video/webm") if file.stat().st_size <= LARGEST else file.name
+    # the films made here stay under 3 MB
+    return inline(file.read_bytes(), "video/webm") if file.stat().st_size <= 6_000_000 else file.name
 
 
 def poster(file: Path) -> str:
@@ -164,7 +166,7 @@ def preview(file: Path) -> str:
     return small(picture)
 
 
-def small(picture: Any) -> str:
+def small(picture: Image) -> str:
     """A picture (row, column, BGR) as WebP."""
     import cv2
 

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SHOWN = 130.0  # ms of flight shown after the motor stops
-
 
 @figure_of(motions.scatter)
 def scatter(data: xr.Dataset, Figure: NewFigure) -> Figure:
@@ -133,7 +131,7 @@ def traces(data: xr.Dataset, Figure: NewFigure) -> Figure:
         ),
     )
     scales = ((1e3, "position [mm]"), (1.0, "velocity [m/s]"), (1.0, "force [N]"), (1.0, "power [W]"))
-    ends = np.minimum(1e3 / data.case_frequency.values + SHOWN, t[-1])
+    ends = np.minimum(1e3 / data.case_frequency.values + 130.0, t[-1])  # ms of flight shown after the motor stops
     for j in range(count):
         one = data.isel(case=j)
         stop = 1e3 / float(one.case_frequency)

@@ -35,7 +35,6 @@ SHOWN = {
     "jump_height_m": ("jump height of the rod", 1e3, "mm"),
     "lift_off_s": ("first lift-off", 1e3, "ms"),
 }
-DRAWN = 600  # points of an axis in a figure: more than its pixels
 COUNTED = 8  # from here numbers of jumps share a colour
 
 
@@ -75,7 +74,8 @@ def picture(data: xr.Dataset) -> bytes:
 def sweep_figure(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """The figure of a sweep's data set."""
     if "com_height_m" in data:
-        steps = {d: -(-data.sizes[d] // DRAWN) for d in data.com_height_m.dims[:2]}
+        # more points than an axis has pixels are not drawn
+        steps = {d: -(-data.sizes[d] // 600) for d in data.com_height_m.dims[:2]}
         data = data.isel({d: slice(None, None, n) for d, n in steps.items()})
     import_all("jumpvision.thesis.figures")
     return FIGURES.get(origin_of(data).analysis, grid)(data, Figure)

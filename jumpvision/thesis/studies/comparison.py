@@ -15,7 +15,7 @@ from typing import Any, cast
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.progress import watch
@@ -46,7 +46,6 @@ from .study import Found, Measured, Row, study
 LEVEL = 0.05  # corrected p of a condition that stands out
 COORDS = ("frequency", "phase", "amplitude", "cycles", "delay")
 DRAWN = 80  # points an axis of the simulated map behind the measured points
-MARGIN = 0.08  # of the range of the points, around that map
 
 
 @dataclass(frozen=True)
@@ -69,7 +68,7 @@ class Jump:
         return law_of(self.experiment)
 
     @property
-    def condition(self) -> tuple[Any, ...]:
+    def condition(self) -> tuple[str | float, ...]:
         """Trials of the same group and law are repeats."""
         return (self.experiment.header.group, *(round(x, 9) for x in self.law.values()))
 
@@ -212,7 +211,7 @@ def _dataset(
     found: Agreement,
 ) -> xr.Dataset:
     first = [jumps[int(np.flatnonzero(at == c)[0])] for c in range(found.trials.size)]
-    by_condition: dict[str, tuple[Any, str, str]] = {
+    by_condition: dict[str, tuple[ArrayLike, str, str]] = {
         "measured_height_m": (found.measured, "m", "jump_height, mean of the trials"),
         "measured_sigma_m": (found.sigma, "m", "its standard uncertainty, with the scatter of trials"),
         "measured_sigma_common_m": (found.sigma_common, "m", "the part of it that conditions of one apparatus share"),
@@ -231,14 +230,14 @@ def _dataset(
         "scatter_m": (found.scatter, "m", "standard deviation of trials beyond their stated errors"),
         "scatter_dof": (found.dof, "1", "repeats from which the scatter is known; inf without repeats"),
     }
-    by_trial: dict[str, tuple[Any, str, str]] = {
+    by_trial: dict[str, tuple[ArrayLike, str, str]] = {
         "trial_condition": (at, "1", "index of its condition"),
         "trial_height_m": (np.array([j.height for j in jumps]), "m", "jump_height as measured"),
         "trial_sigma_m": (np.array([j.sigma for j in jumps]), "m", "its stated standard uncertainty"),
         "trial_simulated_m": (np.array([j.model for j in jumps]), "m", "jump_height of its simulation"),
     }
 
-    def over(dim: str, columns: dict[str, tuple[Any, str, str]]) -> dict[str, xr.Variable]:
+    def over(dim: str, columns: dict[str, tuple[ArrayLike, str, str]]) -> dict[str, xr.Variable]:
         return {
             n: xr.Variable((dim,), v, {"units": unit, "long_name": words}) for n, (v, unit, words) in columns.items()
         }
@@ -282,7 +281,7 @@ def simulated_map(robot: Setup, jumps: list[Jump]) -> tuple[dict[str, xr.Variabl
     axes = []
     for n in COORDS[:2]:
         x = np.array([j.law[n] for j in jumps])
-        margin = MARGIN * np.ptp(x) or 0.1 * x[0] or 0.3
+        margin = 0.08 * np.ptp(x) or 0.1 * x[0] or 0.3  # around the range of the points
         axes.append(np.linspace(max(x.min() - margin, 0.05 * x.min()), x.max() + margin, DRAWN))
     given = {n: np.asarray(v.pop()) for n, v in rest.items()}
     grid = resolve(robot.values, given | {"frequency": axes[0][:, None], "phase": axes[1]})

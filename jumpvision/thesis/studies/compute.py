@@ -20,7 +20,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from jumpvision import __version__
-from jumpvision.base.arrays import Array
+from jumpvision.base.arrays import AnyArray, Array
 from jumpvision.base.progress import watch
 from jumpvision.base.record import RecordError, plain
 from jumpvision.base.schema import InputError
@@ -39,7 +39,7 @@ RTOL, ATOL = 1e-6, 1e-9  # as the stage `simulate`
 SLOW = 5.0  # s, from where the time is announced
 
 
-def grid_results(setup: Setup, given: Mapping[str, Array], *, workers: int, say: Say) -> dict[str, NDArray[Any]]:
+def grid_results(setup: Setup, given: Mapping[str, Array], *, workers: int, say: Say) -> dict[str, AnyArray]:
     """Results over the grid of `given`: shape the sizes of its 1-D entries, in order. InputError for what cannot be."""
     no_effect(setup, given)
     shape = tuple(a.size for a in given.values() if a.ndim)
@@ -115,10 +115,10 @@ RESULTS = {  # name: unit, meaning (docs/physics.md section 1)
 }
 CLASSES = ("none", "single", "stutter", "multi_jump")
 
-Variable = tuple[tuple[str, ...], NDArray[Any], str, str]  # dims, values, unit, meaning
+Variable = tuple[tuple[str, ...], AnyArray, str, str]  # dims, values, unit, meaning
 
 
-def jump_class(n_jumps: NDArray[Any]) -> NDArray[np.int8]:
+def jump_class(n_jumps: AnyArray) -> NDArray[np.int8]:
     """0 no jump, 1 single, 2 stutter (two jumps), 3 multi-jump: indices into CLASSES (thesis Figs 27, 28)."""
     return np.clip(np.nan_to_num(n_jumps), 0, 3).astype(np.int8)
 
@@ -127,7 +127,7 @@ def dataset(
     s: Sweep,
     coords: Mapping[str, Any],
     dims: tuple[str, ...],
-    results: Mapping[str, NDArray[Any]],
+    results: Mapping[str, AnyArray],
     extra: Mapping[str, Variable] | None = None,
     *,
     f0_Hz: float | None = None,

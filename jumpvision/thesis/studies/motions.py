@@ -24,8 +24,6 @@ from .study import Found, Row, Sweep, study
 RINGING = 1e-5  # m: a third of the 30 um that the tracking of the thesis could see
 TRIALS = 24
 BOUNCE_LOSS = 0.33  # docs/physics.md section 2: restitution 0.8 for the whole bounce
-DRIVE = 1e-3  # m, amplitude of the driven hopper: alpha 0.55 for the thesis' robot
-AFTER = 0.25  # s, shown after the slowest law
 DIFFERENT = 2e-5  # m, apexes nearer than this are one
 
 
@@ -199,7 +197,8 @@ class Bifurcation:
 def bifurcation(s: Sweep) -> Found:
     """Apex heights of the driven hopper's long-run motion, frequency going up and then down; a map over amplitude."""
     f = s.axis("frequency")
-    amp = float(s.values.get("amplitude", DRIVE))
+    # 1 mm: alpha 0.55 for the thesis' robot
+    amp = float(s.values.get("amplitude", 1e-3))
     robot = s.robot._replace(landing_loss=s.robot.landing_loss or BOUNCE_LOSS)
     long, short = {"settle": 80, "keep": 40}, {"settle": 40, "keep": 60}
     apex, _ = (np.stack(x) for x in zip(*_both_ways(f, amp, long, robot)))
@@ -295,7 +294,7 @@ def traces(s: Sweep) -> Found:
         cases = [(f"{r:.3g} f_0, {p / np.pi:.3g} pi", r, p) for r in asked for p in phase]
     ratio, phase = np.array([c[1] for c in cases]), np.array([c[2] for c in cases])
     results = hard_sweep(sine_rows(ratio * f0, amp, phase, 1.0), **s.robot._asdict())
-    end = float(np.max(1.0 / (ratio * f0))) + AFTER
+    end = float(np.max(1.0 / (ratio * f0))) + 0.25  # s, shown after the slowest law
     t = np.linspace(0.0, end, 3001)
     columns: dict[str, list[np.ndarray]] = {}
     impulses = []

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jumpvision.base.arrays import Array
+from jumpvision.base.arrays import AnyArray, Array
 from jumpvision.base.progress import watch
 from jumpvision.base.schema import InputError
 from jumpvision.jumper.physics.model import Model
@@ -28,7 +27,6 @@ HEIGHTS = np.linspace(0.02, 0.06, 9)  # m
 PLAYED = 8  # robots and beds that a plan is played on
 # relative standard deviation between the model planned with and the robot and bed that jump
 UNKNOWN = {"k1": 0.03, "k2": 0.03, "b": 0.05, "C": 0.07, "motor_mass": 0.004, "spring_stiffness": 0.01}
-TIMES = 401  # about the take-off, that trajectories are shown at
 THESIS_ERROR = {  # Fig 64
     "rigid plan, rigid ground": "3.4 ± 1.5 mm",
     "granular plan, sand": "3.9 ± 2.1 mm, 6.6 %",
@@ -111,7 +109,7 @@ def results_of(plan: Plan, m: Motion) -> dict[str, float]:
     }
 
 
-def _stacked(rows: list[list[dict[str, float]]]) -> dict[str, NDArray[Any]]:
+def _stacked(rows: list[list[dict[str, float]]]) -> dict[str, AnyArray]:
     return {n: np.array([[r[n] for r in row] for row in rows]) for n in rows[0][0]}
 
 
@@ -187,7 +185,7 @@ def plan_strategies(s: Sweep) -> Found:
     apex = np.array([p.apex for p in plans["sand"]])
     off = np.array([[take_off(p) for p in f] for f in plans.values()])
     length = np.array([[p.command.stop for p in f] for f in plans.values()])
-    time = np.linspace(-off.max(), (length - off).max(), TIMES)
+    time = np.linspace(-off.max(), (length - off).max(), 401)  # about the take-off, that trajectories are shown at
     motor = np.array(
         [
             [np.interp(t + time, p.motion.t, motor_of(p.motion)) for p, t in zip(f, row)]

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
+from jumpvision.base.arrays import AnyArray
 from jumpvision.base.progress import watch
 from jumpvision.jumper.physics.hard.analysis import (
     KEY,
@@ -38,15 +38,15 @@ TYPES = ("stutter", "single")
 
 
 def _both(
-    s: Sweep, alpha: Any, share: Any, zeta: Any, search: Search = SEARCH, key: str = KEY
-) -> dict[str, NDArray[Any]]:
+    s: Sweep, alpha: ArrayLike, share: ArrayLike, zeta: ArrayLike, search: Search = SEARCH, key: str = KEY
+) -> dict[str, AnyArray]:
     """best_by_alpha with the two jump types as first axis."""
     shape = np.broadcast_shapes(np.shape(alpha), np.shape(share), np.shape(zeta))
     phases = np.array([STUTTER, SINGLE]).reshape(2, *[1] * len(shape))
     return best_by_alpha(alpha, phases, share, zeta, robot=s.robot, search=search, key=key)
 
 
-def _region(s: Sweep, alpha: Any, share: Any, zeta: Any) -> tuple[NDArray[Any], NDArray[Any]]:
+def _region(s: Sweep, alpha: ArrayLike, share: ArrayLike, zeta: ArrayLike) -> tuple[AnyArray, AnyArray]:
     """From and to which alpha the stutter jump is the higher one at the lower peak power; NaN where nowhere."""
     best = _both(s, alpha, share, zeta, SEARCH._replace(points=60))
     height, power = (best[k][0] / best[k][1] for k in ("com_height_m", "peak_power_W"))
@@ -55,7 +55,7 @@ def _region(s: Sweep, alpha: Any, share: Any, zeta: Any) -> tuple[NDArray[Any], 
     return low, np.where(np.isfinite(low), high, np.nan)
 
 
-def _scaled(best: dict[str, NDArray[Any]], dims: tuple[str, ...]) -> dict[str, Variable]:
+def _scaled(best: dict[str, AnyArray], dims: tuple[str, ...]) -> dict[str, Variable]:
     return {
         "height_ratio": (dims, best["com_height_m"] / best["amplitude_m"], "1", "com_height / A"),
         "frequency_ratio": (dims, best["frequency_ratio"], "1", "best frequency / f_0"),
@@ -167,7 +167,7 @@ def alpha(s: Sweep) -> Found:
     return data, rows
 
 
-def _phases(s: Sweep) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
+def _phases(s: Sweep) -> tuple[AnyArray, AnyArray, AnyArray, AnyArray]:
     """alpha, phase [rad], and over both the greatest com_height / A over frequency and its number of flights."""
     few, phase = np.geomspace(ALPHAS[0], ALPHAS[-1], 18), np.linspace(0.0, 2.0 * np.pi, 121)
     f = np.linspace(0.15, 3.0, 360) * s.robot.f0

@@ -8,7 +8,6 @@ import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from jumpvision.base.schema import InputError, Toml, closest, read
 from jumpvision.experiment.inputs.experiment import Experiment, merged, open_experiment
@@ -26,7 +25,7 @@ from .axes import Laws
 
 MOTOR = {"kp": 20000.0, "kd": 120.0, "max_force": 100.0, "max_speed": 3.0, "stroke": 0.05}
 
-THESIS: dict[str, dict[str, dict[str, Any]]] = {  # docs/physics.md sections 2 and 3
+THESIS: dict[str, dict[str, Toml]] = {  # docs/physics.md sections 2 and 3
     "hard": {
         "robot": {
             "motor_mass": 1.003,

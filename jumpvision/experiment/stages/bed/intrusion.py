@@ -45,29 +45,29 @@ def intrusion(log: IntrusionLog, robot: Robot | None, *, p: IntrusionParams) -> 
     time, depth, force = (d[n].to_numpy() for n in ("time_s", "depth_m", "force_N"))
     radius = robot.foot_radius if robot else None
     found = curves_of(time, depth, force, str(log.path), p, radius)
-    two, told = found.slopes, found.told
-    b, m = two.model.bins, told.model
-    overshoot, covariance = told.events()
-    below = b.z - told.surface
+    two, likelier = found.slopes, found.likelier
+    b, m = two.model.bins, likelier.model
+    overshoot, covariance = likelier.events()
+    below = b.z - likelier.surface
     return Intrusion(
         {
             "fits": {k: e.entry() for k, e in found.fits.items()},
             "p_one_slope": found.p_one_slope,
             "delta_ci95_m": list(two.shape_interval()) if two.model.family.shaped else [math.nan, math.nan],
             "noise": {
-                "white_N": told.noise.white,
-                "correlated_N": told.noise.correlated,
-                "length_m": told.noise.length,
+                "white_N": likelier.noise.white,
+                "correlated_N": likelier.noise.correlated,
+                "length_m": likelier.noise.length,
             },
             "profile": {
                 "depth_m": below,
-                "force_N": b.F - told.b[0],
+                "force_N": b.F - likelier.b[0],
                 "event": b.event,
                 "fitted_N": two.curve,
                 "first_N": two.parts.sum(axis=1),
             },
             "events": [
-                {"kind": kind, "depth_m": z - told.surface, "pause_s": pause, "overshoot_N": o, "sigma_N": s}
+                {"kind": kind, "depth_m": z - likelier.surface, "pause_s": pause, "overshoot_N": o, "sigma_N": s}
                 for kind, z, pause, o, s in zip(
                     b.event_kind, b.event_depth, b.event_pause, overshoot, np.sqrt(np.diag(covariance))
                 )
@@ -88,7 +88,7 @@ class Curves:
     fits: dict[str, Estimate]
 
     @property
-    def told(self) -> Fitted:
+    def likelier(self) -> Fitted:
         """The likelier of the two, which tells the overshoots."""
         return self.cone if self.cone and self.cone.drawn.log > self.slopes.drawn.log else self.slopes
 
@@ -145,7 +145,7 @@ def curves_of(
     slopes = two if p_value < p.significance else one_slope(two, rng)
     cone = fit_family(bins, cone_family(radius, p.theta), air, rng) if radius else None
     made = Curves(slopes, cone, p_value, {})
-    made.fits.update(curve_fits(slopes, p_value) | event_fits(made.told))
+    made.fits.update(curve_fits(slopes, p_value) | event_fits(made.likelier))
     if cone and radius:
         made.fits.update(cone_fits(cone, radius * math.tan(p.theta)))
     return made

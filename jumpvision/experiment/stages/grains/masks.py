@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from jumpvision.experiment.inputs.sections import Calibration, GrainMask, GrainVideo, Robot
 from jumpvision.experiment.stages.pairs import InPairs
-from jumpvision.experiment.stages.recordings import open_film, seen_straight
+from jumpvision.experiment.stages.recordings import open_film, straightened_and_cut
 from jumpvision.experiment.workflow.stage import StageWarning
 from jumpvision.films.frames import Film, open_frames
 from jumpvision.films.vision.foot_face import FootTrack
 from jumpvision.films.vision.piv.engine import Usable
 
 
-class Drawn(Film):
+class MaskFilm(Film):
     """A film of masks, 255 where a frame is used, in the pixels of the recorded film.
 
     pictures: of the mask, one or as many as frames. polygons: left out, corners (column, row) one after another.
@@ -61,15 +61,15 @@ class Drawn(Film):
                 film.close()
 
 
-def drawn_mask(section: GrainVideo, mask: GrainMask | None, calibration: Calibration | None) -> Usable | None:
+def given_mask(section: GrainVideo, mask: GrainMask | None, calibration: Calibration | None) -> Usable | None:
     """Usable pixels (H, W) of frame i, by polygons and mask pictures, of the frames as matched; None without either."""
     if mask is None and not section.leave_out:
         return None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StageWarning)  # said where the film was opened first
-        film = Drawn(open_film(section), mask, section.leave_out)
+        film = MaskFilm(open_film(section), mask, section.leave_out)
     moves = film.moves
-    straight, _ = seen_straight(film, section, calibration)
+    straight, _ = straightened_and_cut(film, section, calibration)
     if moves:
         return lambda i: straight[i] > 127
     with straight:

@@ -27,7 +27,7 @@ from jumpvision.films.vision.piv.engine import Usable, best_prefilter
 from jumpvision.films.vision.piv.light import Light, light_of
 from jumpvision.films.vision.piv.pair import VectorField, packed, unpacked
 
-from .masks import both, drawn_mask, foot_mask, half_width
+from .masks import both, foot_mask, given_mask, half_width
 from .vectors import foreign_field
 
 UNEVEN = 0.02  # of the time between frames
@@ -66,7 +66,7 @@ def piv(
         if p.baseline > p.gap and np.ptp(steps) > UNEVEN * np.median(steps):
             raise ValueError(f"{film.path}: piv.baseline = {p.baseline} needs evenly timed frames: set it to 1")
         foot = follow_foot(frames, film, robot, p)
-        usable = both(foot_mask(foot, frames.shape, film, robot), drawn_mask(given, mask, calibration))
+        usable = both(foot_mask(foot, frames.shape, film, robot), given_mask(given, mask, calibration))
         light = light_of(frames, stride, p)
         # chosen once, so that the processes' parts of a film are alike
         first, second = light(frames[0], 0), light(frames[p.gap], p.gap)
@@ -171,7 +171,7 @@ def _part(part: tuple[int, int], job: Job) -> list[VectorField]:
     frames, film = (_opened if of_its_own else _opened.__wrapped__)(job.given, job.calibration)
     with contextlib.nullcontext() if of_its_own else frames:
         usable = both(
-            foot_mask(job.foot, frames.shape, film, job.robot), drawn_mask(job.given, job.mask, job.calibration)
+            foot_mask(job.foot, frames.shape, film, job.robot), given_mask(job.given, job.mask, job.calibration)
         )
         return job.part(frames, usable, part)
 

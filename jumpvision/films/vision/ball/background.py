@@ -9,21 +9,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
+from jumpvision.films.frames.base import Image
 
 CLEAR = 4.0  # px between the ball's edge and a pixel that counts as scene
 
 
-LEAST = 20  # views of a pixel before its mean is used: its noise is then below 5 % of a single frame's, in variance
-
-
-FAINT = 0.3  # of the typical contrast: where the scene is as bright as the ball, the share cannot be had
+LEAST_VIEWS = (
+    20  # views of a pixel before its mean is used: its noise is then below 5 % of a single frame's, in variance
+)
 
 
 class Background:
@@ -33,11 +33,12 @@ class Background:
         self.scene, self.level, self.ball = scene, level, ball
         contrast = ball - scene
         with np.errstate(invalid="ignore", divide="ignore"):
-            usable = np.isfinite(contrast) & (contrast / (ball - level) > FAINT)
+            # where the scene is nearly as bright as the ball, the ball's share of a pixel cannot be had
+            usable = np.isfinite(contrast) & (contrast / (ball - level) > 0.3)
             self.gain = np.where(usable, (ball - level) / contrast, 1.0)
             self.offset = np.where(usable, level - scene * self.gain, 0.0)
 
-    def removed(self, image: NDArray[Any], row: int = 0, column: int = 0) -> Array:
+    def removed(self, image: Image, row: int = 0, column: int = 0) -> Array:
         """An image (or the part of one that starts at row, column) with the even scene `level` behind the ball;
         unchanged where the scene is not known."""
         at = np.s_[row : row + image.shape[0], column : column + image.shape[1]]
@@ -50,12 +51,12 @@ class SceneSum:
     """The scene behind one or several balls of a film whose camera and light stand still, from its views one by one."""
 
     def __init__(self) -> None:
-        self._total: NDArray[Any] | None = None
+        self._total: Image | None = None
         self._hidden: NDArray[np.int64] = np.zeros((0, 0), dtype=np.int64)
         self._views = 0
         self._greys: list[float] = []
 
-    def add(self, image: NDArray[Any], balls: Iterable[tuple[float, float, float]], grey: float) -> None:
+    def add(self, image: Image, balls: Iterable[tuple[float, float, float]], grey: float) -> None:
         """One view: image (row, column), x, y, diameter [px] of every ball in it, and the grey of the first."""
         if self._total is None:
             kind = np.uint32 if image.dtype.kind == "u" and image.dtype.itemsize <= 2 else np.float64  # of MOST views
@@ -68,12 +69,12 @@ class SceneSum:
 
     def background(self) -> Background | None:
         """None where too little of the scene is ever seen to be of use."""
-        if self._total is None or not self._greys or self._views < LEAST:
+        if self._total is None or not self._greys or self._views < LEAST_VIEWS:
             return None
         scene = self._total / float(self._views)
         at = np.nonzero(self._hidden)
         seen = self._views - self._hidden[at]
-        scene[at] = np.where(seen >= LEAST, self._total[at] / np.maximum(seen, 1), np.nan)
+        scene[at] = np.where(seen >= LEAST_VIEWS, self._total[at] / np.maximum(seen, 1), np.nan)
         known = scene[~np.isnan(scene)]
         if not known.size:
             return None
@@ -102,7 +103,7 @@ def _hide(total, hidden, image, x, y, reach):  # type: ignore[no-untyped-def]
 class Window(NamedTuple):
     """pixels: (row, column) part of a frame, its first at (x0, y0)."""
 
-    pixels: NDArray[Any]
+    pixels: Image
     x0: int
     y0: int
 
@@ -117,7 +118,7 @@ class View:
         self,
         shape: tuple[int, int],
         *,
-        whole: Callable[[], NDArray[Any]],
+        whole: Callable[[], Image],
         window: Window | None = None,
         scene: Background | None = None,
     ):
@@ -125,11 +126,11 @@ class View:
         self._window, self._whole, self._scene = window, whole, scene
 
     @classmethod
-    def of(cls, image: NDArray[Any]) -> View:
+    def of(cls, image: Image) -> View:
         """The view of a whole image."""
         return cls((image.shape[0], image.shape[1]), whole=lambda: image, window=Window(image, 0, 0))
 
-    def part(self, y0: int, y1: int, x0: int, x1: int) -> NDArray[Any]:
+    def part(self, y0: int, y1: int, x0: int, x1: int) -> Image:
         """Rows y0 to y1 and columns x0 to x1 (end excluded), as far as they are inside the frame; not a copy."""
         y0, x0 = max(0, y0), max(0, x0)
         y1, x1 = max(y0, min(y1, self.shape[0])), max(x0, min(x1, self.shape[1]))
@@ -141,6 +142,6 @@ class View:
         pixels = w.pixels[y0 - w.y0 : y1 - w.y0, x0 - w.x0 : x1 - w.x0]
         return pixels if self._scene is None else self._scene.removed(pixels, y0, x0)
 
-    def everything(self) -> NDArray[Any]:
+    def everything(self) -> Image:
         """The whole frame."""
         return self.part(0, self.shape[0], 0, self.shape[1])

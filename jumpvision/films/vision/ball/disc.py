@@ -10,16 +10,27 @@ from numba import njit
 
 from jumpvision.base.arrays import Array
 
-from .sums import ROOM, SECTORS, accumulate, pixels_in_use
+from .normal_equations import (
+    DROPPED,
+    OF_BACK,
+    OF_BALL,
+    OF_EDGE,
+    PIXELS,
+    RESIDUAL_SLOPE,
+    RESIDUAL_STEP,
+    ROOM,
+    SECTORS,
+    SLOPE_SQUARED,
+    SQUARES,
+    STEP_SQUARED,
+    Zone,
+    accumulate,
+    pixels_in_use,
+)
+from .unknowns import BX, GY, WX, WY, A, B, R, S, X, Y
 
-NAMES = ("x", "y", "R", "s", "b", "a", "bx", "by", "gx", "gy", "wx", "wy")
-X, Y, R, S, B, A, BX, BY, GX, GY, WX, WY = range(12)
 MIN_S = 0.29  # px, the blur of a square pixel alone
-ROUGH_END = 0.05  # of sigma: last step of a fit that need not come to rest
 MAX_STEPS = 40
-ROWS_FROM = 8.0  # px: a ball of twice this radius is approached by every second row, of thrice by every third ...
-SETTLED = 0.1  # of sigma: the last step; each is some tenth of the one before
-NEAR = 20.0  # last steps: from here on the next may be the last, and its sums are kept
 
 
 @njit(cache=True)
@@ -83,7 +94,6 @@ def _fit(img, p, n_par, noise, mean, weight):  # type: ignore[no-untyped-def]
     classes, sectors = np.zeros((3, 6)), np.zeros((4, SECTORS))
     work = np.empty(ROOM)
     step = np.zeros(12)
-    zone = np.zeros(7)
     soft = 1e30
     settled = False
     good = frozen = False
@@ -91,16 +101,15 @@ def _fit(img, p, n_par, noise, mean, weight):  # type: ignore[no-untyped-def]
     size, enough = np.inf, 0.0
     for _ in range(MAX_STEPS):
         if not frozen:  # far from the answer the pixels follow it, and a part of the rows of a large ball will do
-            zone[0], zone[1], zone[2] = p[0], p[1], p[2]
-            if n_par == 12:
-                zone[3], zone[4] = p[10], p[11]
-            zone[5] = min(0.4 * p[2], 12.0)
-            zone[6] = max(4.0, 5.0 * p[3])
-            pixels = pixels_in_use(img, zone, 1 if settled else max(1, int(p[2] / ROWS_FROM)))
+            wx, wy = (p[WX], p[WY]) if n_par == 12 else (0.0, 0.0)
+            zone = Zone(p[X], p[Y], p[R], wx, wy, min(0.4 * p[R], 12.0), margin(p[S]))
+            # a ball of 16 px radius is approached by every second row, of 24 px by every third
+            pixels = pixels_in_use(img, zone, 1 if settled else max(1, int(p[R] / 8.0)))
             frozen, count = settled, pixels.shape[1]
             if count <= n_par:
                 break
-        near = settled and size < NEAR * enough
+        # within 20 last steps the next may be the last, and its sums are kept
+        near = settled and size < 20.0 * enough
         if near:
             classes[:] = 0.0
             sectors[:] = 0.0
@@ -116,19 +125,20 @@ def _fit(img, p, n_par, noise, mean, weight):  # type: ignore[no-untyped-def]
             for n in range(n_par):
                 step[m] += cov[m, n] * g[n]
         # A step within the edge's width keeps the linear model valid
-        limit = max(1.5 * p[3], 0.1 * p[2])
-        for m in (0, 1, 2):
+        limit = max(1.5 * p[S], 0.1 * p[R])
+        for m in (X, Y, R):
             scale = min(scale, limit / max(abs(step[m]), 1e-9))
-        scale = min(scale, 0.5 * p[3] / max(abs(step[3]), 1e-9))
+        scale = min(scale, 0.5 * p[S] / max(abs(step[S]), 1e-9))
         for m in range(n_par):
             p[m] += scale * step[m]
-        p[3] = max(p[3], MIN_S)
-        if not (abs(p[0]) < 1e6 and abs(p[1]) < 1e6 and 1.5 < p[2] < 1e5 and p[3] < 2.0 * p[2]):
+        p[S] = max(p[S], MIN_S)
+        if not (abs(p[X]) < 1e6 and abs(p[Y]) < 1e6 and 1.5 < p[R] < 1e5 and p[S] < 2.0 * p[R]):
             break
-        if not (abs(p[10]) < 1e4 and abs(p[11]) < 1e4):
+        if not (abs(p[WX]) < 1e4 and abs(p[WY]) < 1e4):
             break
-        size = max(abs(step[0]), abs(step[1]), abs(step[2]))
-        enough = max(3e-5, SETTLED * np.sqrt(min(cov[0, 0], cov[1, 1])))
+        size = max(abs(step[X]), abs(step[Y]), abs(step[R]))
+        # the last step is a tenth of sigma; each is some tenth of the one before
+        enough = max(3e-5, 0.1 * np.sqrt(min(cov[X, X], cov[Y, Y])))
         if size < 0.1 and not settled:
             settled = True
             soft = 1.0
@@ -151,7 +161,8 @@ def _fit(img, p, n_par, noise, mean, weight):  # type: ignore[no-untyped-def]
     if not _invert(h, n_par, cov):
         good = False
     elif settled and not good:  # a pixel that goes in and out of the fit: the rest of the walk is a part of sigma
-        good = size < ROUGH_END * np.sqrt(max(cov[0, 0], cov[1, 1]))
+        # a fit that need not come to rest ends with a twentieth of sigma
+        good = size < 0.05 * np.sqrt(max(cov[X, X], cov[Y, Y]))
     return cov, classes, sectors, total / max(1.0, count - n_par), good
 
 
@@ -175,7 +186,7 @@ def fit_and_judge(image, start, streak, noise, mean, var):  # type: ignore[no-un
             centre[m] = 0.0
     cov, classes, sectors, chi2, good = _fit(image, p, 12 if streak else 10, noise, centre, weight)
     found, contrast, shifts, shift_sigmas = _summary(classes, sectors, p[A] - p[B], streak)
-    dropped = classes[2, 5] / max(classes[2, 4], 1.0)
+    dropped = classes[2, DROPPED] / max(classes[2, PIXELS], 1.0)
     return p, cov, found, chi2, contrast, shifts, shift_sigmas, dropped, good
 
 
@@ -198,20 +209,18 @@ def _summary(classes, sectors, contrast, streak):  # type: ignore[no-untyped-def
     spent = (3.0, 3.0, 6.0 if streak else 4.0)
     square = np.zeros(3)
     for c in range(3):
-        square[c] = classes[c, 0] * classes[c, 4] / max(classes[c, 4] - spent[c], 1.0)
-    noise[0], noise[1] = square[0] / classes[0, 1], square[1] / classes[1, 2]
-    noise[2] = (square[2] - noise[0] * classes[2, 1] - noise[1] * classes[2, 2]) / classes[2, 3]
-    shares = 1.0 + sectors[0] / sectors[1] / contrast
-    shifts, sigmas = sectors[2] / sectors[3], 1.0 / np.sqrt(sectors[3])
-    least = 0.3 * _median(sectors[1])
+        square[c] = classes[c, SQUARES] * classes[c, PIXELS] / max(classes[c, PIXELS] - spent[c], 1.0)
+    noise[0], noise[1] = square[0] / classes[0, OF_BACK], square[1] / classes[1, OF_BALL]
+    noise[2] = (square[2] - noise[0] * classes[2, OF_BACK] - noise[1] * classes[2, OF_BALL]) / classes[2, OF_EDGE]
+    shares = 1.0 + sectors[RESIDUAL_STEP] / sectors[STEP_SQUARED] / contrast
+    shifts, sigmas = sectors[RESIDUAL_SLOPE] / sectors[SLOPE_SQUARED], 1.0 / np.sqrt(sectors[SLOPE_SQUARED])
+    least = 0.3 * _median(sectors[STEP_SQUARED])
     for q in range(SECTORS):
-        if sectors[1, q] < least:  # outside the image, or no data
+        if sectors[STEP_SQUARED, q] < least:  # outside the image, or no data
             shares[q] = shifts[q] = sigmas[q] = np.nan
     return noise, shares, shifts, sigmas
 
 
-SECTOR_OFF = 0.5  # a sector of the rim whose contrast is off by more than this part is covered
-SURE = 6.0  # standard deviations of a sector's shift from which on it counts as one
 # Of the 16 sectors' shifts, what the fit leaves free; enters every sigma of a disc by the rim factor. Set on white
 # noise, diameters of 10-40 px (2026-11-21); benchmarks/ball.py judges sigma on drawn discs of the same kind.
 RIM_FREEDOM = 12.7
@@ -230,10 +239,12 @@ def rim_faults(sectors, shifts, sigmas, rim, factor):  # type: ignore[no-untyped
     """(sectors whose contrast is wrong, largest significant shift of a sector from its usual place `rim` [px])."""
     off, dent = 0, 0.0
     for q in range(len(rim)):
-        if not abs(sectors[q] - 1.0) < SECTOR_OFF:
+        # a sector of the rim whose contrast is off by more than half is covered
+        if not abs(sectors[q] - 1.0) < 0.5:
             off += 1
         moved = abs(shifts[q] - rim[q])
-        if moved > SURE * sigmas[q] * math.sqrt(factor):
+        # a shift of a sector counts from 6 standard deviations on
+        if moved > 6.0 * sigmas[q] * math.sqrt(factor):
             dent = max(dent, moved)
     return off, dent
 
@@ -249,10 +260,10 @@ class Memory(NamedTuple):
     mean: Array  # (3,) running mean diameter [px], rim factor, good fits so far
 
 
-SEEN, FACTOR, FRAMES = range(3)  # of Memory.mean
+DIAMETER, RIM_FACTOR, FRAMES = range(3)  # of Memory.mean
 
 
-def nothing_known() -> Memory:
+def empty_memory() -> Memory:
     return Memory(
         np.zeros(3), np.zeros(12), np.zeros(4), DRIFT.copy(), np.zeros(SECTORS), np.array([math.nan, 1.0, 0.0])
     )
@@ -266,11 +277,11 @@ def learn(memory, p, cov, noise, shifts, sigmas):  # type: ignore[no-untyped-def
     frames, d = mean[FRAMES], 2.0 * p[R]
     n = min(frames, NOISE_FRAMES)
     if frames == 1.0:
-        mean[SEEN] = d
+        mean[DIAMETER] = d
         for k in range(3):
             memory.noise[k] = noise[k]
     else:
-        mean[SEEN] += (d - mean[SEEN]) / n
+        mean[DIAMETER] += (d - mean[DIAMETER]) / n
         for k in range(3):
             memory.noise[k] += (noise[k] - memory.noise[k]) / n
     moved = 0.0
@@ -281,7 +292,7 @@ def learn(memory, p, cov, noise, shifts, sigmas):  # type: ignore[no-untyped-def
             rim[q] += by / n
     if frames > 1.0:
         moved *= (n - 1) / n / RIM_FREEDOM
-        mean[FACTOR] += (min(moved, 10.0 * mean[FACTOR]) - mean[FACTOR]) / n
+        mean[RIM_FACTOR] += (min(moved, 10.0 * mean[RIM_FACTOR]) - mean[RIM_FACTOR]) / n
     contrast = abs(p[BALL] - p[BACK])
     for m in range(FIRST_LIGHT, LAST_LIGHT + 1):
         k, var = m - FIRST_LIGHT, cov[m, m]

@@ -7,23 +7,22 @@ from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextvars import copy_context
 from dataclasses import replace
-from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jumpvision.base.progress import watch
+from jumpvision.films.frames.base import Frames, Image
 
 from .appearance.flight import in_flight, is_shadow
 from .appearance.template import track_template
-from .background import LEAST, SceneSum, View, Window
-from .disc import WX, WY, A
+from .background import LEAST_VIEWS, SceneSum, View, Window
 from .measure import AS_THEY_ARE, Block, Found, window_half
 from .moving import MOST_FRAMES, AtHand
-from .proof import proved, standing, stands
 from .reasons import Flag, Reason
 from .refine import refined
 from .track import BallSettings, BallTrack, BallTracker, as_track
+from .unknowns import WX, WY, A
+from .validate import is_still, validated, without_still_objects
 
 VIEWS = 100  # frames that all count for the scene; of the next 100 every second does, of the next 200 every fourth ...
 KEPT = 2**25  # bytes of a short film, kept whole for its last fit; of each kind of samples
@@ -32,14 +31,6 @@ MEMORY = 2**28  # bytes of windows kept; frames beyond are read again
 WORTHWHILE = 500  # frames from which on a frame's whole measurement is compiled code's: fewer are done sooner without
 BLOCK = 16  # windows that are measured together without the scene
 FLYING = "no plain disc that moves was found: followed is what is round and flies farthest, as a picture"
-SAME = 0.5  # diameters: two balls nearer than this are one
-
-
-class Frames(Protocol):
-    """What is read of a film: its length, and a frame (row, column) of grey levels by its number."""
-
-    def __len__(self) -> int: ...
-    def __getitem__(self, i: int, /) -> NDArray[Any]: ...
 
 
 def track_film(
@@ -61,11 +52,11 @@ class Samples:
     """Some frames of a film: evenly spread ones, and one of each place that the ball comes to."""
 
     def __init__(self) -> None:
-        self.even: dict[int, NDArray[Any]] = {}
-        self.places: dict[int, tuple[Found, NDArray[Any]]] = {}
+        self.even: dict[int, Image] = {}
+        self.places: dict[int, tuple[Found, Image]] = {}
         self._step = 1
 
-    def see(self, i: int, image: NDArray[Any], found: Found) -> None:
+    def see(self, i: int, image: Image, found: Found) -> None:
         """Frame i, where the ball was found."""
         most = min(SAMPLES, KEPT // max(1, image.nbytes))
         if i % self._step == 0:
@@ -79,7 +70,7 @@ class Samples:
                 self.places[i] = found, image
 
     @property
-    def all(self) -> dict[int, NDArray[Any]]:
+    def all(self) -> dict[int, Image]:
         """The frames by number."""
         return self.even | {i: image for i, (_, image) in self.places.items()}
 
@@ -96,13 +87,13 @@ class FilmTracker:
         self._windows: list[list[Window | None]] = []
         self._scene = SceneSum() if scene and settings.method == "disc" else None
         self._room, self.still = MEMORY, scene
-        self._kept: list[NDArray[Any]] | None = None
+        self._kept: list[Image] | None = None
         if self._scene is not None and not markers and not settings.streak:
             self._kept = []
         self._samples = Samples()
         self.shape = (0, 0)
 
-    def see(self, image: NDArray[Any]) -> None:
+    def see(self, image: Image) -> None:
         """The next frame (row, column); it is kept for a while and must not change."""
         if self.settings.method == "template":  # has to see the whole film first
             return
@@ -113,7 +104,7 @@ class FilmTracker:
         """The first ball in the frames followed so far."""
         return [f[0] for f in self._found]
 
-    def _follow(self, image: NDArray[Any]) -> None:
+    def _follow(self, image: Image) -> None:
         i, self.shape = len(self._found), (image.shape[0], image.shape[1])
         plain = self._trackers[0].next(image) if len(self._trackers) == 1 and i >= WORTHWHILE else None
         found = [plain] if plain else together(self._trackers, [View.of(image) for _ in self._trackers], None)
@@ -145,10 +136,10 @@ class FilmTracker:
         """Proves the track while the balls are measured again without the scene, and takes the better one."""
         first = [as_track(list(f)) for f in zip(*self._found, strict=True)]
         if len(first) == 1:
-            sure = proved(first[0], frames, self.settings)
+            sure = validated(first[0], frames, self.settings)
             dark = self.settings.polarity == "dark"
             unsure = self.settings.seed is None and self.still and len(frames) <= MOST_FRAMES
-            if unsure and (stands(sure) or (dark and is_shadow(sure, frames))):
+            if unsure and (is_still(sure) or (dark and is_shadow(sure, frames))):
                 flying = in_flight(frames, self.settings.diameter, None)
                 if flying is not None:
                     return [replace(flying, notes=(FLYING,))]
@@ -159,7 +150,7 @@ class FilmTracker:
             return self._refined(first)
         second = [as_track(list(f)) for f in zip(*found, strict=True)]
         if len(second) == 1 and not self.settings.streak:  # a sticker's remains, where the ball has left
-            second = [standing(second[0], frames, self.settings)]
+            second = [without_still_objects(second[0], frames, self.settings)]
         return self._refined([b if _better(a, b) else a for a, b in zip(first, second, strict=True)])
 
     def _refined(self, tracks: list[BallTrack]) -> list[BallTrack]:
@@ -170,7 +161,7 @@ class FilmTracker:
 
     def _without_scene(self, frames: AtHand) -> list[list[Found]]:
         """The measurements of all frames once more, without the scene; none where too little of it is known."""
-        if self._scene is None or sum(not f[0].flag for f in self._found) < LEAST:
+        if self._scene is None or sum(not f[0].flag for f in self._found) < LEAST_VIEWS:
             return []
         scene = self._scene.background()
         if scene is None:
@@ -214,7 +205,7 @@ class FilmTracker:
             pixels = pixels.astype(np.float64)
         return Block(pixels, corners, np.array(starts))
 
-    def _window(self, image: NDArray[Any], found: Found) -> Window | None:
+    def _window(self, image: Image, found: Found) -> Window | None:
         """A copy of the part of a frame that the ball is measured in."""
         if found.flag or found.p is None:
             return None
@@ -238,7 +229,8 @@ def together(trackers: Sequence[BallTracker], views: Sequence[View], before: Seq
     for k, f in enumerate(found):
         for m in range(k):
             g = found[m]
-            if not f.flag and not g.flag and math.hypot(f.x - g.x, f.y - g.y) < SAME * f.diameter:
+            # two balls nearer than half a diameter are one
+            if not f.flag and not g.flag and math.hypot(f.x - g.x, f.y - g.y) < 0.5 * f.diameter:
                 worse = k if _off(f, expected[k]) > _off(g, expected[m]) else m
                 found[worse] = Found(Flag(Reason.OTHER_BALL))
     return [t.keep(f) for t, f in zip(trackers, found, strict=True)]

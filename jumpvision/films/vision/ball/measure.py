@@ -13,19 +13,15 @@ from jumpvision.base.arrays import Array
 
 from . import disc
 from .background import Background, View
-from .disc import BX, FACTOR, FRAMES, GY, NOISE_FRAMES, SEEN, WX, WY, A, B, R, S, X, Y, learn, rim_faults
+from .disc import DIAMETER, FRAMES, NOISE_FRAMES, RIM_FACTOR, learn, rim_faults
 from .reasons import GOOD, Flag, Reason
 from .search import half_height_centroid
+from .unknowns import BX, GY, WX, WY, A, B, R, S, X, Y
 
-MIN_CONTRAST = 3.0  # ball over background in standard deviations of the noise of one pixel
 DIAMETER_GIVEN = 0.25  # allowed relative difference from the diameter that was given
 DIAMETER_SEEN = 0.12  # and from the frames before
-MOST_SECTORS_OFF = 2  # of 16: a thin rod holding the ball is not an occlusion
-MOST_DROPPED = 0.25  # part of the edge pixels
 MOST_CHI2 = 4.0
 CONTRAST_SEEN = 2.0  # largest factor between the contrast and that of the last good frame
-RIM_OFF, RIM_OFF_PX = 0.04, 0.6  # a sector's rim off the fitted circle by this part of the diameter or px is covered
-UNCERTAIN, UNCERTAIN_FRESH = 0.05, 0.015  # largest sigma over diameter; a new ball must be clearer: clutter is not
 DIGITS = 1.0 / 12.0  # variance of digitising [grey^2]
 FARTHEST = 3.0  # px from the start: a fit that ends beyond it is made again in the crop about its end
 
@@ -77,7 +73,8 @@ def _judge(fit, sigma, height, width, noise, fresh, wanted, memory):  # type: ig
     if not good or not math.isfinite(sigma):
         return NOT_CONVERGED, 0.0, 0.0
     d, contrast = 2.0 * p[R], wanted.sign * (p[A] - p[B])
-    if contrast <= MIN_CONTRAST * math.sqrt(noise):
+    # a ball stands out by more than 3 standard deviations of the noise of one pixel
+    if contrast <= 3.0 * math.sqrt(noise):
         return NO_CONTRAST, 0.0, 0.0
     before = wanted.sign * (memory.last[A] - memory.last[B])
     if before > 0.0 and not 1.0 / CONTRAST_SEEN < contrast / before < CONTRAST_SEEN:
@@ -91,19 +88,20 @@ def _judge(fit, sigma, height, width, noise, fresh, wanted, memory):  # type: ig
         and reach + 0.5 * wy < p[Y] < height - 1 - reach - 0.5 * wy
     ):
         return AT_BORDER, 0.0, 0.0
-    off, dent = rim_faults(sectors, shifts, sigmas, memory.rim, memory.mean[FACTOR])
-    if off > MOST_SECTORS_OFF:
+    off, dent = rim_faults(sectors, shifts, sigmas, memory.rim, memory.mean[RIM_FACTOR])
+    if off > 2:  # of 16: a thin rod that holds the ball is no occlusion
         return COVERED_SECTORS, float(off), 0.0
-    if dent > min(RIM_OFF * d, RIM_OFF_PX):
+    if dent > min(0.04 * d, 0.6):  # px: a sector's rim so far off the circle is covered
         return COVERED_RIM, dent, 0.0
-    if dropped > MOST_DROPPED:
+    if dropped > 0.25:  # of the edge pixels
         return COVERED_EDGE, dropped, 0.0
-    for expected, most in ((wanted.given, DIAMETER_GIVEN), (memory.mean[SEEN], DIAMETER_SEEN)):  # NaN: not known
+    for expected, most in ((wanted.given, DIAMETER_GIVEN), (memory.mean[DIAMETER], DIAMETER_SEEN)):  # NaN: not known
         if abs(d - expected) > most * expected + 5.0 * math.sqrt(cov[R, R]):
             return OTHER_DIAMETER, d, expected
     if not fresh and chi2 > MOST_CHI2:
         return POOR_FIT, chi2, 0.0
-    if sigma > (UNCERTAIN_FRESH if fresh else UNCERTAIN) * d:
+    # of the diameter; a new ball must be clearer: clutter is not
+    if sigma > (0.015 if fresh else 0.05) * d:
         return UNCERTAIN_PLACE, 0.0, 0.0
     return FITS, 0.0, 0.0
 
@@ -135,7 +133,7 @@ def _fitted(crop, p, x0, y0, height, width, floor, loose, fresh, wanted, memory)
     n = max(1.0, 4.0 * q[R] * disc.margin(q[S]))
     # Only a misfit beyond chance enlarges the stated uncertainty
     excess = chi2 if chi2 > 1.0 + 4.0 * math.sqrt(2.0 / n) else 1.0
-    sigma = math.sqrt(max(cov[X, X], cov[Y, Y]) * excess * memory.mean[FACTOR]) if fit[8] else math.nan
+    sigma = math.sqrt(max(cov[X, X], cov[Y, Y]) * excess * memory.mean[RIM_FACTOR]) if fit[8] else math.nan
     verdict = _judge(fit, sigma, height, width, max(noise[0], noise[1]), fresh, wanted, memory)
     return fit, complete(fit[2], floor), sigma, verdict
 
@@ -148,7 +146,7 @@ def _follow(windows, corners, starts, height, width, gain, offset, first, search
     without = gain.size > 0
     for i in range(first, len(windows)):
         x, y, wx, wy = starts[i, 0], starts[i, 1], starts[i, 2], starts[i, 3]
-        d = memory.mean[SEEN]
+        d = memory.mean[DIAMETER]
         x0, x1 = span(x, wx, d, width)
         y0, y1 = span(y, wy, d, height)
         left, top = corners[i, 0], corners[i, 1]
@@ -221,12 +219,12 @@ class DiscMeasure:
     def __init__(self, diameter: float | None, polarity: str, streak: bool):
         sign = 1.0 if polarity == "bright" else -1.0
         self.wanted = Wanted(sign, bool(streak), math.nan if diameter is None else float(diameter))
-        self.memory = disc.nothing_known()
+        self.memory = disc.empty_memory()
 
     @property
-    def seen(self) -> float:
+    def mean_diameter(self) -> float:
         """Running mean diameter [px]."""
-        return float(self.memory.mean[SEEN])
+        return float(self.memory.mean[DIAMETER])
 
     def measure(self, view: View, start: Start, *, fresh: bool) -> Found:
         """fresh: nothing learned before counts (a ball newly found), the noise comes from this frame alone."""
@@ -296,7 +294,7 @@ class ThresholdMeasure:
         self.given = diameter
         self.polarity = polarity
         self.search = search
-        self.seen = math.nan
+        self.mean_diameter = math.nan
         self.frames = 0
 
     def measure(self, view: View, start: Start, *, fresh: bool) -> Found:
@@ -311,7 +309,7 @@ class ThresholdMeasure:
         found = Found(GOOD, c.x + x0, c.y + y0, c.sigma, c.diameter)
         if c.cut:
             return found._replace(flag=Flag(Reason.AT_BORDER))
-        for expected, most in ((self.given, DIAMETER_GIVEN), (self.seen, DIAMETER_SEEN)):
+        for expected, most in ((self.given, DIAMETER_GIVEN), (self.mean_diameter, DIAMETER_SEEN)):
             if expected is not None and abs(c.diameter - expected) > most * expected:
                 return found._replace(flag=Flag(Reason.OTHER_DIAMETER, (c.diameter, expected)))
         return found
@@ -319,7 +317,9 @@ class ThresholdMeasure:
     def accept(self, found: Found) -> None:
         self.frames += 1
         n = min(self.frames, NOISE_FRAMES)
-        self.seen = found.diameter if self.frames == 1 else self.seen + (found.diameter - self.seen) / n
+        self.mean_diameter = (
+            found.diameter if self.frames == 1 else self.mean_diameter + (found.diameter - self.mean_diameter) / n
+        )
 
     def missed(self) -> None:
         pass

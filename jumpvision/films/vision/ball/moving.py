@@ -12,38 +12,26 @@ import math
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from jumpvision.base.arrays import MAD, Float32
+from jumpvision.films.frames.base import Frames, Image
 
 from .background import View, Window
-from .disc import A, B
 from .measure import DiscMeasure, Found, Start
 from .search import find_blobs
+from .unknowns import A, B
 
 SAMPLED = 41  # frames of which the scene is the median
 MOST_FRAMES = 400  # that are searched, from the first
-FASTEST = 15.0  # diameters a frame
 ALIKE = 1.3  # largest ratio of diameters along a path, and CONTRASTS of contrasts
 CONTRASTS = 1.8
-LEAST = 4  # frames of a path, and FAR its least extent [diameters]
 FAR = 2.0
 HOLE = 6  # frames that a path may be hidden for
 BENT, STEP = 0.35, 0.8  # a third point off the line of two by this part of the speed and diameters
 BESIDE, SIZE, TOLD = 1.5, 0.3, 0.1  # diameters, square diameters, share of the frames: motion that is not the ball's
-JERK = 1.0  # of the speed: off a path, where a hand lets go or a ball bounces
-OFF, DRIFT = 0.12, 0.7  # the next off the parabola of the last, likewise
-
-
-class Frames(Protocol):
-    """Frames (row, column) of grey levels by their number."""
-
-    def __len__(self) -> int: ...
-    def __getitem__(self, i: int, /) -> NDArray[Any]: ...
 
 
 class AtHand:
@@ -52,14 +40,14 @@ class AtHand:
     whole: kept frames by number. windows: of each frame, None where none is kept. Two threads may ask at once.
     """
 
-    def __init__(self, frames: Frames, whole: Mapping[int, NDArray[Any]], windows: Sequence[Window | None]):
+    def __init__(self, frames: Frames, whole: Mapping[int, Image], windows: Sequence[Window | None]):
         self._frames, self.whole, self._windows = frames, whole, windows
         self._reading = threading.Lock()
 
     def __len__(self) -> int:
         return len(self._frames)
 
-    def __getitem__(self, i: int, /) -> NDArray[Any]:
+    def __getitem__(self, i: int, /) -> Image:
         if i in self.whole:
             return self.whole[i]
         with self._reading:
@@ -99,9 +87,7 @@ def still_scene(frames: Frames) -> Float32:
     return np.median(stack, axis=0).astype(np.float32)
 
 
-def spots(
-    i: int, image: NDArray[Any], scene: Float32, diameter: float | None, polarity: str, least: float
-) -> list[Spot]:
+def spots(i: int, image: Image, scene: Float32, diameter: float | None, polarity: str, least: float) -> list[Spot]:
     """What is round and differs from the scene in frame i, each fitted as a disc."""
     sign = 1.0 if polarity == "bright" else -1.0
     change = np.clip(sign * (np.asarray(image, dtype=np.float32) - scene), 0.0, None)
@@ -131,17 +117,19 @@ def paths(by_frame: Mapping[int, Sequence[Spot]]) -> list[Path]:
     for i in sorted(by_frame):
         for a in by_frame[i]:
             for b in (s for j in (i + 1, i + 2) for s in by_frame.get(j, ())):
+                # no ball flies farther than 15 diameters a frame
                 if (
                     (id(a), id(b)) in joined
                     or not _like(a, b)
-                    or math.hypot(b.x - a.x, b.y - a.y) > FASTEST * a.d * (b.i - a.i)
+                    or math.hypot(b.x - a.x, b.y - a.y) > 15.0 * a.d * (b.i - a.i)
                 ):
                     continue
                 for c in (s for j in (b.i + 1, b.i + 2) for s in by_frame.get(j, ())):
                     if _like(b, c) and _straight(a, b, c):
                         found.append(_longer([a, b, c], by_frame))
                         joined |= {(id(s), id(t)) for s, t in itertools.pairwise(found[-1])}
-    found = [p for p in found if len(p) >= LEAST and extent(p) > FAR]
+    # a path has at least four frames
+    found = [p for p in found if len(p) >= 4 and extent(p) > FAR]
     found.sort(key=lambda p: (-len(p), -float(np.median([s.contrast for s in p]))))
     kept: list[Path] = []
     taken: set[tuple[int, float, float]] = set()
@@ -165,7 +153,8 @@ def _filled(path: Path, by_frame: Mapping[int, Sequence[Spot]], taken: set[tuple
         speed = math.hypot(other.x - near.x, other.y - near.y) / abs(other.i - near.i)
         x, y = at(path, i)
         free = [s for s in by_frame[i] if (s.i, s.x, s.y) not in taken and _like(near, s)]
-        free = [s for s in free if math.hypot(s.x - x, s.y - y) < JERK * speed + STEP * s.d]
+        # a hand lets go, or a ball bounces: off the path by no more than its speed
+        free = [s for s in free if math.hypot(s.x - x, s.y - y) < 1.0 * speed + STEP * s.d]
         if len(free) == 1:
             out[i] = free[0]
     return tuple(out[i] for i in sorted(out))
@@ -208,7 +197,8 @@ def _longer(path: list[Spot], by_frame: Mapping[int, Sequence[Spot]]) -> Path:
             best = None
             for gap in range(1, HOLE + 1):
                 x, y = at(tail, last.i + end * gap)
-                reach = (DRIFT * last.d + OFF * speed) * (0.5 + 0.5 * gap)
+                # the next lies near the parabola through the last
+                reach = (0.7 * last.d + 0.12 * speed) * (0.5 + 0.5 * gap)
                 near = [
                     (math.hypot(s.x - x, s.y - y), s) for s in by_frame.get(last.i + end * gap, ()) if _like(last, s)
                 ]

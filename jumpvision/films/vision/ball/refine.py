@@ -13,32 +13,30 @@ from dataclasses import replace
 import numpy as np
 
 from jumpvision.base.arrays import FROM_MAD, Array
+from jumpvision.films.frames.base import Frames
 
 from . import disc
 from .background import CLEAR, Background, View
-from .disc import BX, BY, GX, GY, LIGHT, RIM_FREEDOM, WX, A, B, R, S, X, Y
+from .disc import LIGHT, RIM_FREEDOM
 from .measure import DiscMeasure, Found, Start, at_least, complete, window_half
-from .moving import Frames
 from .track import BallTrack
+from .unknowns import BX, BY, GX, GY, WX, A, B, R, S, X, Y
 
-MOST = 400  # good frames: a longer film learns its light and scene on the way
-FEWEST = 6  # good frames of which a scatter is taken
-SAMPLED, VIEWS = 41, 4  # frames of which the scene is the mean; views of it that a frame must have
+LEAST_FRAMES = 6  # good frames of which a scatter is taken
 OUTLIER = 4.0  # standard deviations from the scene's median, or from the scene outside the ball: something else
 SHARED = (R, S, BX, BY, GX, GY)
-FAST = 4.0  # px a frame, from which a streak may show
 STEPS = 0.3  # diameters: a fit that goes farther is not of this ball
 
 
 def refined(track: BallTrack, frames: Frames, polarity: str) -> BallTrack:
     """The track with its good frames fitted once more, where that makes the median sigma less."""
     good = np.flatnonzero(track.flag == "")
-    if not FEWEST <= good.size <= MOST:
+    if not LEAST_FRAMES <= good.size <= 400:  # a longer film learns its light and scene on the way
         return track
     d = float(np.median(track.diameter[good]))
     scenes = _Scenes(track, frames, d)
     first = {int(i): f for i in good if (f := _free(frames, track, int(i), polarity)) is not None}
-    if len(first) < FEWEST:
+    if len(first) < LEAST_FRAMES:
         return track
     ball = float(np.median([f.fit.p[A] for f in first.values() if f.fit]))
     crops = {i: c for i in first if (c := scenes.without(np.asarray(frames[i]), track, i, ball, d)) is not None}
@@ -68,7 +66,7 @@ def refined(track: BallTrack, frames: Frames, polarity: str) -> BallTrack:
             fit = disc.fit_disc(crops[i].grey, p, streak=i in streaks, noise=own, mean=at, var=spread)
             if fit.converged and math.hypot(fit.p[X] - p[X], fit.p[Y] - p[Y]) < STEPS * d:
                 fits[i] = fit
-        if len(fits) < max(FEWEST, 0.8 * good.size):
+        if len(fits) < max(LEAST_FRAMES, 0.8 * good.size):
             return track
         noise = at_least(np.median([complete(f.noise, floor) for f in fits.values()], axis=0), floor)
     return _taken(track, fits, crops)
@@ -85,7 +83,8 @@ class _Scenes:
     """What stands behind the ball in each frame, as other frames of the film show it."""
 
     def __init__(self, track: BallTrack, frames: Frames, d: float):
-        which = np.unique(np.linspace(0, len(frames) - 1, min(SAMPLED, len(frames))).astype(int))
+        # the scene is the mean of 41 frames
+        which = np.unique(np.linspace(0, len(frames) - 1, min(41, len(frames))).astype(int))
         self.frames = [np.asarray(frames[int(i)]) for i in which]
         self.x, self.y = track.x[which], track.y[which]
         self.away = 0.5 * d + CLEAR
@@ -97,7 +96,7 @@ class _Scenes:
         at = np.s_[y0 : int(y + half) + 2, x0 : int(x + half) + 2]
         apart = np.hypot(self.x - x, self.y - y)
         views = [f[at] for f, r in zip(self.frames, apart) if not r < self.away + half]
-        if len(views) < VIEWS:
+        if len(views) < 4:  # too few to tell the scene
             return None
         stack = np.asarray(views, dtype=np.float32)
         middle = np.median(stack, axis=0)
@@ -154,8 +153,9 @@ def _speeds(track: BallTrack) -> Array:
 
 def _streaks(fits: dict[int, disc.DiscFit], speed: Array) -> dict[int, tuple[Array, float]]:
     """Streak of each frame [px] and its variance: the exposure's share of a frame is the film's."""
-    fast = {i: f for i, f in fits.items() if float(np.hypot(*speed[i])) > FAST}
-    if len(fast) < FEWEST:
+    # a streak may show from 4 px a frame on
+    fast = {i: f for i, f in fits.items() if float(np.hypot(*speed[i])) > 4.0}
+    if len(fast) < LEAST_FRAMES:
         return {}
     v = np.array([speed[i] for i in fast])
     w = np.array([f.p[WX:] for f in fast.values()])

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
 LEVELS = (0.3, 0.5, 0.7)  # of the way from the common grey level to the brightest
 SIZE_RATIO = 1.5  # largest factor between a blob's and the ball's diameter
-MOST_PIXELS = 400_000  # larger frames are searched on a reduced copy
 BEST = 8
 
 
@@ -49,7 +48,8 @@ def find_blobs(
         return []
     grey: MatLike = values
     expected = diameter if diameter is not None else min_diameter
-    shrink = min(expected / 8.0, math.sqrt(grey.size / MOST_PIXELS))
+    # larger frames are searched on a reduced copy
+    shrink = min(expected / 8.0, math.sqrt(grey.size / 400_000))
     if shrink >= 2.0:
         shrink = float(int(shrink))
         size = (int(grey.shape[1] / shrink), int(grey.shape[0] / shrink))

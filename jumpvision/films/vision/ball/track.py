@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jumpvision.films.frames.base import Image
+
 from .background import Background, View
-from .disc import WX, WY
 from .measure import AS_THEY_ARE, Block, DiscMeasure, Found, Start, ThresholdMeasure, span
 from .reasons import COVERED, GOOD, Flag, Reason
 from .search import Blob, find_blobs
+from .unknowns import WX, WY
 
 MIN_DIAMETER = 6.0  # px: below it neither the fit nor the search has enough rim
 POLARITIES = ("bright", "dark")
@@ -119,7 +121,7 @@ class BallTracker:
             self._at(f.x, f.y)
         return found
 
-    def next(self, image: NDArray[Any]) -> Found | None:
+    def next(self, image: Image) -> Found | None:
         """As `step` in a frame that is a matter of course; else None, and nothing is taken note of."""
         if self.last is None or self.lost or image.dtype not in AS_THEY_ARE:
             return None
@@ -274,7 +276,7 @@ class BallTracker:
         if self.last is not None:
             n = self.lost + 1
             self.velocity = ((x - self.last[0]) / n, (y - self.last[1]) / n)
-        self.last, self.lost, self.d = (x, y), 0, self.measurer.seen
+        self.last, self.lost, self.d = (x, y), 0, self.measurer.mean_diameter
 
     def _miss(self, found: Found) -> Found:
         if self.last is not None:

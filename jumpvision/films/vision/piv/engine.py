@@ -21,17 +21,15 @@ from .frame import GAIN, LIGHT, STRONG, Frame, prepare, roughness, sharp
 from .pair import TIMES, Settings, VectorField, backend, combined
 from .predict import Mask, at, flow, predict
 from .refine import Grid, Match, Pairs, refine
-from .scales import Noise, drawn_together, true_noise
+from .scales import Noise, noise_factor, smoothed
 from .solve import COVERED, FLAT, STEPPED
 from .validate import error_length, factors, local_median, noise_within, normalised_median, unresolved
 
 Usable = Callable[[int], Mask]  # (H, W) of frame k, True where it is usable
 
-MAX_SIGMA = 2.0  # px, a match less certain than this is no match; below it, its sigma says what it is worth
 LARGEST_STEP = 0.25  # of the window; a step further has left the texture it was computed from
 STIFFNESS = 1.0  # of the surface through the vectors: damps noise between neighbours, keeps waves of 6 vectors to 1 %
 NEAR = 3  # vectors, side of the neighbourhood over which the square of the last change is averaged
-TOO_MANY = 0.01  # share of failed vectors above which a correlation is asked for other starts
 TRIAL = 384  # px, side of the middle part with which a second prefilter is tried
 MARGIN = 12  # px of border around a frame beyond half a window: gradient stencil, spline, half of a displacement
 
@@ -201,7 +199,7 @@ def vector_places(pixels: int, window: int, step: int) -> Array:
 
 
 def length_of_errors(window: int, step: int, preset: str) -> float:
-    """Distance [px] over which vectors as they were matched share their error.
+    """Distance [px] over which unsmoothed vectors share their error.
 
     The error of a mean over an area is as if one vector in about (length)^2 were independent; sigma of a vector does
     not hold that.
@@ -219,7 +217,8 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     raw, reason = m.p[:2], _judge(m, start, s)
     again = _to_try(reason)
     edge = np.zeros(again.shape, bool)
-    if again.sum() > TOO_MANY * np.isin(reason, code.MATCHED).sum():
+    # where more than 1 % failed a correlation is asked for other starts
+    if again.sum() > 0.01 * np.isin(reason, code.MATCHED).sum():
         m, reason, edge = _second_try(pairs, grid, m, reason, s)
     first, matched = reason, ~scipy.ndimage.binary_dilation(again, np.ones((3, 3)))
     for k in range(1, times):
@@ -233,7 +232,8 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     sigma = m.sigma * factor[:, None, None]
     measured = np.isin(reason, code.MEASURED)
     reason[measured & _to_try(first)] = code.SECOND_PEAK
-    reason[measured & ~(sigma[:2].max(0) < MAX_SIGMA)] = code.LOW_CORRELATION
+    # a match less certain than 2 px is none; below, its sigma says what it is worth
+    reason[measured & ~(sigma[:2].max(0) < 2.0)] = code.LOW_CORRELATION
     measured = np.isin(reason, code.MEASURED)
     reason[edge & _to_try(reason)] = code.EDGE_PEAK
     p = np.where(measured, m.p, np.nan)
@@ -243,9 +243,9 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     filled = np.where(holes, near, p[:2])
     whole = _whole(np.concatenate([filled, p[2:]]), s.step)
     noise = Noise(s.window, s.step, STIFFNESS, times)
-    sigma *= true_noise(whole, sigma[:2], noise)
+    sigma *= noise_factor(whole, sigma[:2], noise)
     missed = unresolved(m.finer, measured, s.window, s.step, noise_within(*noise))
-    missed += STILL_MOVING.value[s.preset] * _under_way(np.nan_to_num(m.p[:2] - start), np.nan_to_num(sigma[:2]))
+    missed += STILL_MOVING.value[s.preset] * _last_change(np.nan_to_num(m.p[:2] - start), np.nan_to_num(sigma[:2]))
 
     def stated(spread: Array, share: Array | float) -> Array:
         sigma = np.sqrt(spread**2 + share * missed + SPLINE_ERROR.value[s.preset] ** 2)
@@ -257,9 +257,9 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
         of_pictures = np.mean([2 * min(a.noise, b.noise) for a, b in pairs]) / np.maximum(m.rest, 1e-12)
         if m.jump is not None:
             whole = _beside_jumps(pairs, grid, m, measured, whole, s)
-        drawn = drawn_together(whole, sigma[:2], np.fmin(of_pictures, 1.0), noise)
+        smooth = smoothed(whole, sigma[:2], np.fmin(of_pictures, 1.0), noise)
         # where neighbours count for more, no motion exceeded the noise
-        best = np.concatenate([np.where(measured, drawn.p, filled), stated(drawn.sigma, drawn.own)])
+        best = np.concatenate([np.where(measured, smooth.p, filled), stated(smooth.sigma, smooth.own)])
     shape = reason.shape
     return VectorField(
         x,
@@ -278,7 +278,7 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     )
 
 
-def _under_way(change: Array, sigma: Array) -> Array:
+def _last_change(change: Array, sigma: Array) -> Array:
     """Mean square [px^2] (2, ny, nx) by which the last step has changed vectors, beyond what their noise explains.
 
     In a band the steps come to rest slowly; the finer windows tell it over a neighbourhood only.

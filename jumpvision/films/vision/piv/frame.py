@@ -54,7 +54,7 @@ def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int
     taps = _taps(smooth, fine)
     c = np.empty((len(taps), len(taps) * padded.shape[0], padded.shape[1]), np.float32)
 
-    def told() -> tuple[float, NDArray[np.bool_]]:
+    def noise_and_usable() -> tuple[float, NDArray[np.bool_]]:
         noise = white(image, mask)
         return noise, usable & ~dark_body(grey, usable, noise if math.isfinite(noise) else 0.0)
 
@@ -64,7 +64,7 @@ def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int
         for of_columns, kernel_x in enumerate(taps)
         for part in _parts(len(padded), 1 if fine else 2)  # fine ones are four filters already
     ]
-    (noise, usable), *_ = at_once([told, *filters])
+    (noise, usable), *_ = at_once([noise_and_usable, *filters])
     keep = usable if usable.all() else scipy.ndimage.binary_erosion(usable, iterations=GUARD, border_value=1)
     weight = np.ascontiguousarray(np.pad(keep, pad), np.uint8)
     return Frame(grey, usable, c, weight, pad, rounding, kept * noise)
@@ -88,10 +88,6 @@ def _filtered(
 
 
 CELL = 4  # px, side of the blocks in which a dark body is looked for
-DARK, SMOOTH = 0.4, 0.3  # of the light and of the contrast that is usual in the picture: less of both is a body,
-EVEN = 0.5  # if its contrast over its light is less too; grains in the shade keep that
-SPARSE = 0.5  # contrast^2 over light^2 that is usual among bright particles on a dark ground, which has gaps
-LARGEST = 0.6  # of the picture: a body is darker than most of it, or the picture is dark
 
 
 def dark_body(grey: Float32, usable: NDArray[np.bool_], noise: float) -> NDArray[np.bool_]:
@@ -114,8 +110,10 @@ def dark_body(grey: Float32, usable: NDArray[np.bool_], noise: float) -> NDArray
     if not there.any():
         return out
     usual = [float(np.median(q[there][::4])) for q in (light, contrast, of_light)]
-    body = (light < DARK * usual[0]) & (contrast < SMOOTH**2 * usual[1]) & (of_light < EVEN**2 * usual[2]) & there
-    if usual[2] > SPARSE or not body.any() or body.sum() > LARGEST * there.sum():
+    # a body has little of the usual light and contrast; grains in the shade keep their contrast over their light
+    body = (light < 0.4 * usual[0]) & (contrast < 0.3**2 * usual[1]) & (of_light < 0.5**2 * usual[2]) & there
+    # bright particles on a dark ground have gaps that are no body; a picture that is mostly dark has none
+    if usual[2] > 0.5 or not body.any() or body.sum() > 0.6 * there.sum():
         return out
     square_of_3 = np.ones((3, 3), np.uint8)
     whole = cv2.morphologyEx(body.astype(np.uint8), cv2.MORPH_OPEN, square_of_3)
@@ -151,10 +149,8 @@ FAITHFUL = 2.6  # rad/px; pictures hold next to nothing beyond, and what they ho
 def taper(window: int) -> Float32:
     """Weight along one side of the window, length 2 h + 1, h = window // 2; across it is the product."""
     h = window // 2
-    return np.exp(-0.5 * (np.arange(-h, h + 1) / (TAPER * (h + 0.5))) ** 2).astype(np.float32)
-
-
-TAPER = 0.45  # Gaussian weight: standard deviation over half the window
+    # Gaussian; its standard deviation is 0.45 of half the window
+    return np.exp(-0.5 * (np.arange(-h, h + 1) / (0.45 * (h + 0.5))) ** 2).astype(np.float32)
 
 
 LIGHT, STRONG = 0.8, 1.1  # px, standard deviation of the Gaussian
@@ -186,7 +182,7 @@ def white(image: NDArray[np.generic], mask: NDArray[np.bool_] | None) -> float:
     Where the rings hardly fall, particles of 2 px and less are folded into the corner, and next to nothing is said to
     be noise: then less is taken for chance than is.
     """
-    power = _spectrum(image, mask, FEW)
+    power = _spectrum(image, mask, 40)  # blocks; the corner has 50 waves in each
     if power is None:
         return math.nan
     (inner, of_inner), (outer, of_outer), (corner, of_corner) = (
@@ -209,7 +205,6 @@ FAR = np.hypot(WAVES, WAVES[:, None])
 IN_CORNER = np.minimum(WAVES, WAVES[:, None]) > CORNER
 RINGS = (FAR >= 0.3) & (FAR < 0.38), (FAR >= 0.44) & (FAR < 0.5), FAR >= 0.6
 HANN = (0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(BLOCK) + 0.5) / BLOCK)) ** 2
-FEW = 40  # blocks: the corner has 50 waves in each
 
 
 def _spectrum(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, enough: int) -> Array | None:

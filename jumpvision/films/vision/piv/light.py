@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from jumpvision.films.frames.base import Frames, Image
 from jumpvision.films.parameters import PivParams
 
-SEEN = 64  # frames that a background is made from, of either exposure
-CLIP = 3.0  # times the mean of a tile's histogram, above which CLAHE cuts it
-
-
-class Frames(Protocol):
-    """A film, or a list of pictures."""
-
-    def __len__(self) -> int: ...
-
-    def __getitem__(self, i: int, /) -> NDArray[Any]: ...
+BACKGROUND_FRAMES = 64  # frames that a background is made from, of either exposure
 
 
 class Light(NamedTuple):
@@ -27,7 +19,7 @@ class Light(NamedTuple):
     common: tuple[NDArray[np.float32], ...]
     tile: int
 
-    def __call__(self, image: NDArray[Any], i: int) -> NDArray[Any]:
+    def __call__(self, image: Image, i: int) -> Image:
         if self.common:
             image = image.astype(np.float32) - self.common[i % len(self.common)]
         return equalised(image, self.tile) if self.tile else image
@@ -40,18 +32,18 @@ def light_of(frames: Frames, stride: int, p: PivParams) -> Light:
 
 
 def common(frames: Frames, how: str, first: int, stride: int) -> NDArray[np.float32]:
-    """Minimum or mean (H, W) of up to SEEN frames, evenly from `first` on, `stride` apart; one at a time in memory."""
+    """Minimum or mean (H, W) of BACKGROUND_FRAMES or fewer, evenly from `first` on, `stride` apart, one at a time."""
     every = np.arange(first, len(frames), stride)
     if every.size < 3:
         raise ValueError(f'[params.piv] background = "{how}": needs 3 frames or pairs, found {every.size}; take "none"')
-    shown = every[np.unique(np.linspace(0, every.size - 1, min(every.size, SEEN)).round().astype(int))]
+    shown = every[np.unique(np.linspace(0, every.size - 1, min(every.size, BACKGROUND_FRAMES)).round().astype(int))]
     out = frames[int(shown[0])].astype(np.float32)
     for i in shown[1:]:
         out = np.minimum(out, frames[int(i)]) if how == "minimum" else out + frames[int(i)]
     return np.asarray(out if how == "minimum" else out / shown.size, np.float32)
 
 
-def equalised(image: NDArray[Any], tile: int) -> NDArray[np.float32]:
+def equalised(image: Image, tile: int) -> NDArray[np.float32]:
     """A frame (H, W) by contrast-limited adaptive histogram equalisation in tiles of that side [px]; 0 to 255."""
     import cv2
 
@@ -59,5 +51,6 @@ def equalised(image: NDArray[Any], tile: int) -> NDArray[np.float32]:
     low, high = float(np.nanmin(grey)), float(np.nanmax(grey))
     whole = np.nan_to_num((grey - low) * (65535.0 / max(high - low, 1e-6))).astype(np.uint16)
     rows, columns = (max(1, round(n / tile)) for n in image.shape)
-    even = cv2.createCLAHE(clipLimit=CLIP, tileGridSize=(columns, rows)).apply(whole)
+    # cut at three times the mean of a tile's histogram
+    even = cv2.createCLAHE(clipLimit=3.0, tileGridSize=(columns, rows)).apply(whole)
     return np.asarray(np.where(np.isfinite(grey), even * np.float32(255.0 / 65535.0), np.nan), np.float32)

@@ -117,7 +117,7 @@ class VectorField:
     reason: NDArray[np.int8]  # (ny, nx) key of REASONS
     u_raw: Array  # (ny, nx) before replacement
     v_raw: Array
-    matched: Array  # (4, ny, nx) [px] u, v and their sigmas before vectors were drawn together: for means and fits
+    matched: Array  # (4, ny, nx) [px] u, v and their sigmas unsmoothed: for means and fits
     gradient: Array  # (2, 2, ny, nx) [1], [[u_x, u_y], [v_x, v_y]] fitted inside the window, NaN where not measured
     gradient_sigma: Array  # (2, 2, ny, nx) [1], standard uncertainty
 
@@ -142,7 +142,6 @@ def unpacked(data: bytes) -> Iterator[VectorField]:
         yield VectorField(x, y, **{n: a[k] for n, a in planes.items()}, gradient=none, gradient_sigma=none)
 
 
-AGREE = 3.0  # standard uncertainties that two baselines may differ by
 FURTHEST = 2.0  # px, a longer displacement gains little and loses grains
 
 
@@ -179,7 +178,8 @@ def _together(fields: list[tuple[float, VectorField]], of: list[Array]) -> tuple
     for (baseline, f), values in zip(longer, of[1:]):
         u, sigma = values[:2] * (unit / baseline), values[2:] * (unit / baseline)
         apart = (u - mean) ** 2 / (sigma**2 + 1 / total)
-        use = np.isin(f.reason, MEASURED) & (np.hypot(f.u, f.v) <= FURTHEST) & (apart.max(0) <= AGREE**2)
+        # two baselines agree within 3 standard uncertainties
+        use = np.isin(f.reason, MEASURED) & (np.hypot(f.u, f.v) <= FURTHEST) & (apart.max(0) <= 3.0**2)
         w = np.where(use, 1 / sigma**2, 0.0)
         mean, chi2 = np.where(use, (total * mean + w * u) / (total + w), mean), chi2 + np.where(use, apart, 0.0)
         total, count = total + w, count + use

@@ -32,7 +32,7 @@ from .frame import Frame, taper
 from .moments import FIRST, OF_PICTURES, OF_PLANES, gradient, moments, moments_of
 from .scatter import AROUND, scatter, within
 from .solve import STEPPED, covariances, steps
-from .surface import along_x, along_y, at_vectors, axis, drawn, lightly_smoothed
+from .surface import along_x, along_y, at_vectors, axis, lightly_smoothed, pixel_spline
 from .validate import LAG
 
 BAND = 4_000_000  # px of a frame that are worked on at a time: some 80 bytes each
@@ -101,7 +101,7 @@ def refine(
     bands = bands_of(at_y, half, shape) if only is ALL else [_band_of(only, at_y, half + STENCIL, shape)]
 
     def pictures(band: Band) -> Iterator[tuple[Float32, Float32, Float32]]:
-        moved = drawn(rows.pixels(band.top, band.bottom), columns, start, jump)
+        moved = pixel_spline(rows.pixels(band.top, band.bottom), columns, start, jump)
         return (half_way(a, b, moved, band.top, foreign or math.inf) for a, b in pairs)
 
     sums, held = (np.empty if only is ALL else np.zeros)((ny, nx, FIRST[-1])), []
@@ -129,7 +129,7 @@ def refine(
         rounding = (pairs[0][0].rounding + pairs[-1][1].rounding) / len(pairs)
         least = rounding * float((g**2).sum() / g.sum()) ** 2
         for band in bands:
-            moved = drawn(rows.pixels(band.top, band.bottom), columns, change[[6, 7, 0, 3]])
+            moved = pixel_spline(rows.pixels(band.top, band.bottom), columns, change[[6, 7, 0, 3]])
             places, count = (at_x, band.rows(at_y)), band.end - band.first
             rows_of_planes = slice((band.own_top - band.top + 1) // 2, (band.own_bottom - band.top + 1) // 2)
             of_pixels = scatter(held or pictures(band), moved, places[::-1], rows_of_planes)

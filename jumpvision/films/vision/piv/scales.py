@@ -1,4 +1,4 @@
-"""Vectors drawn together over scales where they differ by no more than noise, and how large that noise is.
+"""Vectors smoothed over scales where they differ by no more than noise, and how large that noise is.
 
 Surfaces s_1, s_2, ... through the vectors s_0, each damping waves of twice the length of the one before; e_k =
 s_(k-1) - s_k is what the field holds between two scales. Where its mean square around a place is P times what noise
@@ -28,8 +28,6 @@ from .validate import response
 ORDER = 3  # of the differences that the surfaces keep small: parabolas stay, waves of twice the length to 2 %
 SHORTEST = 0.7  # rad a vector, a wave of 9 vectors: halved by the first surface; by the next half of it, and so on
 COMPARED = 5  # vectors, side of the neighbourhood of P for the first surface, about half of that wave
-STILL = 0.05  # of the noise expected: less is no noise but equal pictures, which tell nothing of it
-WIDER = 2  # times the neighbourhood of P is that of what smoothing took from the motion
 
 
 class Noise(NamedTuple):
@@ -41,19 +39,19 @@ class Noise(NamedTuple):
     times: int
 
 
-class Drawing(NamedTuple):
-    """Vectors drawn together."""
+class Smoothed(NamedTuple):
+    """Smoothed vectors."""
 
     p: Array  # (2, ny, nx) [px]
     sigma: Array  # (2, ny, nx) [px]
     own: Array  # (ny, nx) share that each vector has of itself
 
 
-def drawn_together(p: Array, sigma: Array, by_chance: Array, noise: Noise) -> Drawing:
+def smoothed(p: Array, sigma: Array, by_chance: Array, noise: Noise) -> Smoothed:
     """p, sigma: (2, ny, nx) [px], p finite, sigma NaN where not measured.
 
     by_chance: (ny, nx) the share of sigma^2 that the noise of the pictures explains. The rest is motion that a window
-    does not follow: no neighbour takes it away, and there drawing vectors together would cost what they did resolve.
+    does not follow: no neighbour takes it away, and there smoothing would cost what they did resolve.
     """
     ny, nx = p.shape[1:]
     known = _known(sigma)
@@ -76,7 +74,8 @@ def drawn_together(p: Array, sigma: Array, by_chance: Array, noise: Noise) -> Dr
         shares.append(w - kept)
         kept = w
         # signed, so that noise, which is above 1 as often as below, does not count
-        far = min(WIDER * side + 1, 2 * min(ny, nx) - 1)
+        # what smoothing took from the motion is told over twice the neighbourhood of P
+        far = min(2 * side + 1, 2 * min(ny, nx) - 1)
         doubt = SMOOTHED_AWAY.value * math.sqrt(_spread(noise, SHORTEST)) * side / far
         over = _around((1 - w) ** 2 * (power - 1), far)
         lost += np.where(over > doubt, over, 0) * chance * of_noise
@@ -85,15 +84,15 @@ def drawn_together(p: Array, sigma: Array, by_chance: Array, noise: Noise) -> Dr
     total = np.zeros_like(p)
     for k, b in enumerate(of_each):
         total += b * (cov[k, k] * b + 2 * sum(cov[k, m] * of_each[m] for m in range(k)))
-    drawn = np.asarray(sum(a * f for a, f in zip(shares, fields)))
-    return Drawing(drawn, np.sqrt(np.maximum(total, 0) + lost), shares[0])
+    best = np.asarray(sum(a * f for a, f in zip(shares, fields)))
+    return Smoothed(best, np.sqrt(np.maximum(total, 0) + lost), shares[0])
 
 
-def true_noise(p: Array, sigma: Array, noise: Noise) -> float:
+def noise_factor(p: Array, sigma: Array, noise: Noise) -> float:
     """Factor on sigma that makes the shortest waves that a window sees as large as noise alone would.
 
-    p, sigma as of `drawn_together`. Waves along either axis are asked, and the calmest places of the calmer axis tell,
-    so that bands and eddies have no say; it is drawn towards 1 where few vectors tell, and kept within CALM_RANGE.
+    p, sigma as of `smoothed`. Waves along either axis are asked, and the calmest places of the calmer axis tell,
+    so that bands and eddies have no say; it is pulled towards 1 where few vectors tell, and kept within CALM_RANGE.
     """
     ny, nx = p.shape[1:]
     known = _known(sigma)
@@ -112,7 +111,8 @@ def true_noise(p: Array, sigma: Array, noise: Noise) -> float:
         e = p - (along_y(s, p) if down else along_x(s, p))
         power = _power(e, (rest[:, None] if down else rest) * np.where(known, sigma, 1) ** 2, known)
         calm.append(float(np.quantile((_around(power, COMPARED) / share)[known], CALM_PLACES.value)) / expected)
-    if min(calm) < STILL:
+    # less than 0.05 of the noise expected is none but equal pictures, which tell nothing of it
+    if min(calm) < 0.05:
         return 1.0
     telling = known.sum() * spread  # neighbourhoods that do not share their noise
     found = (telling * min(calm) + CALM_WORTH.value) / (telling + CALM_WORTH.value)

@@ -19,7 +19,6 @@ from .surface import Drawn, line
 from .validate import LAG, PART
 
 AROUND = 33  # px, side of the region over which the correlation of neighbouring residuals is averaged
-SOLVED = 0.01  # of the product of the diagonal the determinant must be
 
 
 class Scatter(NamedTuple):
@@ -252,7 +251,7 @@ def within(of: Scatter, window: int, at: tuple[NDArray[np.intp], NDArray[np.intp
     bx, by, xx, xy, yy = np.moveaxis(force, 2, 0)
     zxx, zxy, zyy = np.moveaxis(spread, 2, 0) * of.ratio
     det = xx * yy - xy * xy
-    good = (det > SOLVED * xx * yy) & (xx > 0)
+    good = (det > 0.01 * xx * yy) & (xx > 0)  # else the noise hides the texture
     det = np.where(good, det, np.nan)
     ix, iy, ixy = yy / det, xx / det, -xy / det
     vx = ix * ix * zxx + 2 * ix * ixy * zxy + ixy * ixy * zyy

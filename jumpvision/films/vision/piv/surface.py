@@ -16,8 +16,6 @@ from jumpvision.base.threads import shared
 from jumpvision.films.calibration import JUMP_CALM, JUMP_OF_FIELD, STEP_OF_FIELD
 
 AROUND = 3  # vectors, side of the neighbourhood over which the differences are averaged
-LEAST = 0.02  # px: smaller differences are no step
-FORGOTTEN = 1e-13  # of a vector, that the spline has of it beyond some twenty others
 
 
 class Axis(NamedTuple):
@@ -62,7 +60,7 @@ def axis(pixels: int, first: float, step: int, vectors: int, stiffness: float) -
     bend = straight.copy()
     bend[0] = bend[-1] = 0
     exact = np.linalg.solve(samples, bend).astype(np.float64)
-    exact[np.abs(exact) < FORGOTTEN] = 0
+    exact[np.abs(exact) < 1e-13] = 0  # what the spline has of a vector beyond some twenty others
     slope = (exact[before + 1 : before + vectors + 1] - exact[before - 1 : before + vectors - 1]) / (2 * step)
     q = (np.arange(pixels) - first) / step + before
     knot = np.floor(q).astype(np.int64)
@@ -87,8 +85,9 @@ def lightly_smoothed(
     squared = (e**2).sum(0)
     power = cv2.boxFilter(squared, -1, (AROUND, AROUND), borderType=cv2.BORDER_REFLECT)
     # squares of two normal components are exponential
+    # differences below 0.02 px are no step
     chance, calm = (
-        max(-STEP_OF_FIELD.value * float(np.quantile(squared, q)) / math.log(1 - q), LEAST**2)
+        max(-STEP_OF_FIELD.value * float(np.quantile(squared, q)) / math.log(1 - q), 0.02**2)
         for q in (0.5, JUMP_CALM.value)
     )
     kept = np.where(matched, np.clip(1 - chance / np.maximum(power, 1e-30), 0, 1), 0)
@@ -180,7 +179,7 @@ def _add_block(row, f, of):  # type: ignore[no-untyped-def]
         row[i] = (((near + f4 * b4[i]) + f5 * b5[i]) + f6 * b6[i]) + f7 * b7[i]
 
 
-class Drawn(NamedTuple):
+class Drawn(NamedTuple):  # the name stands in caches of compiled code, which cannot be read without it
     """Fields of vectors at every column of pixels, still on the knots of the rows: `line` makes a row of pixels."""
 
     lines: Float32  # (n, knots, width)
@@ -188,7 +187,7 @@ class Drawn(NamedTuple):
     weight: Float32  # (height, 4)
 
 
-def drawn(rows: Axis, columns: Axis, fields: Array, jump: NDArray[np.float64] | None = None) -> Drawn:
+def pixel_spline(rows: Axis, columns: Axis, fields: Array, jump: NDArray[np.float64] | None = None) -> Drawn:
     """Fields of vectors (n, ny, nx) for the pixels of both axes; with jumps, where they are is one field more."""
     if jump is not None:
         fields = np.concatenate([fields, jump[None]])
@@ -214,9 +213,9 @@ def _widen(first, last, c, knot, weight, out):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, fastmath={"contract"})
-def line(drawn, field, j, out):  # type: ignore[no-untyped-def]
+def line(spline, field, j, out):  # type: ignore[no-untyped-def]
     """Row j of pixels of one of the fields of `Drawn`."""
-    lines, knot, weight = drawn
+    lines, knot, weight = spline
     k = knot[j]
     w0, w1, w2, w3 = weight[j, 0], weight[j, 1], weight[j, 2], weight[j, 3]
     c0, c1, c2, c3 = lines[field, k], lines[field, k + 1], lines[field, k + 2], lines[field, k + 3]

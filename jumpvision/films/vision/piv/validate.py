@@ -18,7 +18,6 @@ from jumpvision.films.calibration import FINER_MOTION, FINER_NOISE, LEAST_FREEDO
 
 from .frame import taper
 
-NOISE_FLOOR = 0.1  # px: disagreement that is never an outlier by itself (Westerweel & Scarano 2005)
 MIN_NEIGHBOURS = 3
 
 
@@ -36,7 +35,8 @@ def normalised_median(
     total = np.zeros(u.shape)
     for f, slope in zip((u, v), slopes or (None, None)):
         middle, scatter = _medians(*_bordered(f, 1, slope), 1, ~np.isnan(f))
-        total += ((f - middle) / (scatter + NOISE_FLOOR)) ** 2
+        # 0.1 px of disagreement is never an outlier by itself (Westerweel & Scarano 2005)
+        total += ((f - middle) / (scatter + 0.1)) ** 2
     return np.sqrt(total)
 
 

@@ -17,9 +17,8 @@ from jumpvision.base.threads import shared
 from jumpvision.jumper.physics import forcing
 from jumpvision.jumper.physics.hard.jump import RESULTS as HARD_RESULTS
 
-from . import events, granular, kernel, laws, modes, step, trial, within
+from . import events, granular, kernel, laws, modes, run, step, trial, within
 
-STEPS_PER_PERIOD = 4  # of the spring, at least: events are looked for twice a step
 LONGEST_TAIL = 30.0  # s, simulated after the motor stops at most
 LOG = 500  # events of a jump in a batch
 RESULTS = (*HARD_RESULTS, "driven_height_m", "max_depth_m", "status")
@@ -49,66 +48,27 @@ def pieces(rows: Array) -> tuple[Array, Array]:
     return kept[: n + 1], edges[: n + 2]
 
 
-@njit(error_model="numpy")
-def tolerances(p: Any, size: int, atol: float) -> tuple[float, Array]:
-    """The spring's rate [1/s], and atol [m] of `size` states: of velocities times the rate at which the spring swings
-    what moves with them, of the foot its own."""
-    rate = math.sqrt(p.k_s / p.M)
-    out = np.full(size, atol)
-    out[granular.W] *= rate
-    out[granular.VF] *= trial.foot_rate(p.k_s, p.M, p.m_f)
-    for i in range(granular.V, size):
-        out[i] *= rate
-    return rate, out
-
-
 @njit(error_model="numpy", inline="always")  # once, where it is called: else all is optimised once more
 def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out: Array) -> None:
     """Writes RESULTS of one jump (out, NaN where there is none); the tail doubles until a flight has landed."""
     p = constants[0]
     out[:] = math.nan
-    granular.prepare(p)
-    deep = modes.depth(p)
-    if math.isnan(deep):
-        out[STATUS] = events.CANNOT_CARRY
-        return
     rows, edges = pieces(law)
     n = edges.size
     start, stop = edges[0], edges[n - 2]
-    rate, tolerance = tolerances(p, granular.N_MOTION if p.led == 1 or p.inner != 0 else granular.X, atol)
-    s = np.empty(tolerance.size)
     log, peaks = np.empty((LOG, 2)), np.empty(6)
     no_times, no_out, no_modes = np.empty(0), np.empty((0, within.N_OUT)), np.empty(0, np.int64)
-    space = events.workspace(s.size, rows.shape[0] if p.tau > 0.0 else 0)
-    height = -modes.squeeze(p) - deep
-    p.rest = height
+    space = run.workspace(run.states(p), rows.shape[0] if p.tau > 0.0 else 0)
     while True:
-        s[:] = 0.0
-        s[granular.Y], s[granular.XF] = height, -deep  # the command starts at X_m = 0
         edges[n - 1] = stop + tail
-        status, n_log, depth, before, after, top = _one(
-            constants,
-            granular.SINE,
-            rows,
-            edges,
-            s,
-            deep,
-            stop,
-            no_times,
-            no_out,
-            no_modes,
-            log,
-            rtol,
-            tolerance,
-            2.0 * math.pi / rate / STEPS_PER_PERIOD,
-            peaks,
-            space,
+        status = _run(
+            constants, granular.SINE, rows, edges, 0.0, stop, no_times, no_out, no_modes, log, rtol, atol, peaks, space
         )
         out[STATUS] = status
-        if status != events.OK:
+        if status != run.OK:
             return
         flights, late, longest, first, up = 0, 0, 0.0, math.nan, math.nan
-        for i in range(n_log):
+        for i in range(p.events):
             if log[i, 1] == events.LIFT_OFF:
                 flights, up = flights + 1, log[i, 0]
                 if flights == 1:
@@ -121,14 +81,14 @@ def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out:
         if late > 0 or math.isnan(up) or tail > LONGEST_TAIL:
             break
         tail *= 2.0
-    out[COM] = top
+    out[COM] = p.com - p.lowest
     out[FLIGHT] = p.g * longest * longest / 8.0 if late > 0 or math.isnan(up) else math.nan
-    out[JUMP], out[DRIVEN] = after - height, before - height
+    out[JUMP], out[DRIVEN] = p.rod_after - p.height, p.rod_before - p.height
     out[N_JUMPS], out[FIRST] = late if late > 0 else flights, first
-    out[FORCE], out[POWER], out[SPEED], out[DEPTH] = peaks[0], peaks[1], peaks[2], depth
+    out[FORCE], out[POWER], out[SPEED], out[DEPTH] = peaks[0], peaks[1], peaks[2], p.memory[granular.FLOOR]
 
 
-PARTS = (events, forcing, granular, kernel, laws, modes, step, trial, within)
+PARTS = (events, forcing, granular, kernel, laws, modes, run, step, trial, within)
 
 
 @functools.cache
@@ -140,7 +100,7 @@ def digest() -> str:
 
 def solver() -> Callable[..., Any]:
     """What follows a jump, compiled once for all that do."""
-    return events.compiled_run(digest())
+    return run.compiled_run(digest())
 
 
 TRACK = np.dtype(
@@ -153,19 +113,19 @@ from .. end (its edges are one more than the rows of every jump so far)."""
 @functools.cache
 def tracks_solver() -> Callable[..., Any]:
     """solve(constants (k,), which (k,), lane (k,), about (n,) TRACK, rows, edges, t (m, :), rtol, atol, out (m, :))."""
-    global _one
-    _one = solver()
+    global _run
+    _run = solver()
     return _tracks(digest())
 
 
-_one: Callable[..., Any]  # `solver()`; a global, as what a compiled function closes over is a part of its key
+_run: Callable[..., Any]  # `solver()`; a global, as what a compiled function closes over is a part of its key
 
 
 def _tracks(key: str) -> Callable[..., Any]:
     @njit(cache=True, nogil=True)
     def solve(constants, which, lane, about, rows, edges, t, rtol, atol, out):  # type: ignore[no-untyped-def]
         key  # noqa: B018
-        log, no_peaks = np.empty((events.MAX_EVENTS, 2)), np.empty(0)
+        log, no_peaks = np.empty((run.MAX_EVENTS, 2)), np.empty(0)
         for k in range(which.size):
             i = which[k]
             a, p, own = about[i], constants[k], constants[k : k + 1]
@@ -177,45 +137,31 @@ def _tracks(key: str) -> Callable[..., Any]:
             heights[:driven] = 0.0
             if driven == times.size:
                 continue
-            granular.prepare(p)
-            deep = modes.depth(p)
-            if math.isnan(deep):
-                heights[:] = math.nan
-                continue
             while n > 1 and edges[first + n - 1] >= end:
                 n -= 1
             until = edges[first : first + n + 1].copy()
             until[n] = end
-            size = granular.N_MOTION if p.led == 1 or p.inner != 0 else granular.X
-            (rate, tolerance), s = tolerances(p, size, atol), np.zeros(size)
-            space = events.workspace(size, n if p.tau > 0.0 else 0)
-            height = -modes.squeeze(p) - deep
-            p.rest = height + a.before
-            s[granular.Y], s[granular.XF] = height + p.m_m / p.M * a.before, -deep
-            if size > granular.X:
-                s[granular.X] = a.before
+            space = run.workspace(run.states(p), n if p.tau > 0.0 else 0)
             full, mode = np.empty((times.size - driven, 1)), np.empty(times.size - driven, np.int64)
-            status = _one(
+            status = _run(
                 own,
                 a.kind,
                 rows[a.row : a.row + n],
                 until,
-                s,
-                deep,
+                a.before,
                 a.stop,
                 times[driven:],
                 full,
                 mode,
                 log,
                 rtol,
-                tolerance,
-                2.0 * math.pi / rate / STEPS_PER_PERIOD,
+                atol,
                 no_peaks,
                 space,
-            )[0]
+            )
             for i in range(driven, heights.size):
-                heights[i] = full[i - driven, 0] - height
-            if status != events.OK:
+                heights[i] = full[i - driven, 0] - p.height
+            if status != run.OK:
                 heights[:] = math.nan
 
     return solve
@@ -224,8 +170,8 @@ def _tracks(key: str) -> Callable[..., Any]:
 @functools.cache
 def batch_solver() -> Callable[..., Any]:
     """solve(n, constants (n,), laws (n, r, 6), tail, rtol, atol, out (n, RESULTS)): `jump` of each, in threads."""
-    global _one
-    _one = solver()
+    global _run
+    _run = solver()
     return _batch(digest())
 
 
@@ -241,7 +187,7 @@ def _batch(key: str) -> Callable[..., Any]:
 
 @functools.cache
 def equilibrium() -> Callable[..., Any]:
-    """constants (1,) -> compression of the spring and depth of the foot at rest [m]."""
+    """constants (1,) -> x_r and depth of the foot at rest [m]."""
     return _equilibrium(digest())
 
 
@@ -249,7 +195,8 @@ def _equilibrium(key: str) -> Callable[..., Any]:
     @njit(cache=True)
     def solve(constants):  # type: ignore[no-untyped-def]
         key  # noqa: B018
-        granular.prepare(constants[0])
-        return modes.squeeze(constants[0]), modes.depth(constants[0])
+        p = constants[0]
+        run.at_rest(p)
+        return p.height, p.deep
 
     return solve

@@ -60,13 +60,22 @@ CONSTANTS = np.dtype(
     + [("kind", np.int64), ("row", np.float64, (N_ROW,))]
     + [("memory", np.float64, (N_MEMORY,)), ("arc", np.float64, (N_ARC,))]
     + [("ahead", np.float64, (3, N_NODES))]
+    + [(n, np.int64) for n in ("mode", "next", "slip", "exact", "fresh", "watched", "events", "sampled")]
+    + [(n, np.float64) for n in ("t", "h", "after", "taken", "longest", "held", "v_old")]
+    + [(n, np.float64) for n in ("height", "deep", "rod_before", "rod_after", "com", "lowest")]
+    + [("now", np.float64, (4,)), ("here", np.float64, (4,)), ("force", np.float64, (3,)), ("pace", np.float64, (2,))]
 )
 """Numbers of one jumper. linear: spring and rail are, but for dry friction. dry: the rail may hold the carriage. ages:
 what the ground carries changes while nothing moves. led: the motor's position is a state, of a loop or of a law. lost:
 how many laws take energy. ROUTINES: addresses of its laws (0: none), number: their constants. ratio: m_m / M. tau: of
 the lag in closed form, e: of the landing on hard ground. rest: of the carriage [m], for x_m. bends: depths of kinks in
 the laws [m], 0 where there is none. Of a run, and here because handing over an array costs as much as a small function:
-what the ledger asks and is told, kind and row of the forcing's piece, memory and arc."""
+what the ledger asks and is told, kind and row of the forcing's piece, memory and arc; then where the run is: its mode
+and the one that follows, slip, whether the flow is exact, whether equations changed, whether the motor's effort is
+watched, events and rows of output written; time, step, the step to go on with after one that ends on a kink, the part
+that was taken, the longest; until when a foot rests; the motor's rate before an impulse; x_r [m] at rest, depth of the
+foot there, greatest heights until the motor stops and after, of the mass centre, and its lowest; guards, heights, the
+motor's effort at t and its pace."""
 
 ground_law, rail_law, inner_law = law("ground", 2), law("rail"), law("inner")
 spring_law, spring_slope, left_law, drive_law = law("spring"), law("spring_slope"), law("left"), law("drive", 2)
@@ -322,14 +331,15 @@ def works(
         k[i, DAMPED] = p.c_s * rate * rate
     if p.losses == 0:
         return
-    asked = (-s[XF], s[VF], m[HOLE], m[PAUSE], m[LEFT], t - m[CONTACT], v_m, x_r + x - p.rest, x_r, stretch, rate, t)
+    side = slip * REST if p.dry == 1 and not v_m * slip > 0.0 else v_m
+    asked = (-s[XF], s[VF], m[HOLE], m[PAUSE], m[LEFT], t - m[CONTACT], side, x_r + x - p.rest, x_r, stretch, rate, t)
     for j in range(len(asked)):
         p.asked[j] = asked[j]
     n = len(asked)
     p.asked[n] = inner(s)
     p.asked[n + 1] = 1.0 if mode == INTRUDE else 0.0
-    p.asked[n + 2] = 1.0 if slip != 0 else 0.0
-    p.asked[n + 3] = 1.0 if pulls else 0.0
+    p.asked[n + 2] = v_m if slip != 0 else 0.0
+    p.asked[n + 3] = rate if pulls else 0.0
     _losses(p)
     for j in range(p.lost):
         k[i, LOST + j] = p.losses_W[j]

@@ -15,12 +15,13 @@ from jumpvision.jumper.mechanisms.record import STATE, Body
 from jumpvision.jumper.physics.forcing import Forcing, Loop, Segments
 from jumpvision.jumper.physics.model import ROBOT, Model
 
-from . import compiled, events, granular, trial, within
+from . import compiled, events, granular, run, within
 from .laws import LAG, Laws, dry, laws_of, steady
 
 MODES = ("air", "rest", "intrude")
 OUTPUTS = ("rod", "foot", "motor", "rod_velocity", "foot_velocity", "ground_force", "spring_force")
 BEYOND = 0.05  # of the range seen: so far beyond it a law is used without a word
+SINKS = "model k2, sigma_cone: the bed cannot carry the robot's weight; give larger values"
 EVENT = np.dtype([("time", float), ("kind", "U10")])
 
 
@@ -78,55 +79,46 @@ def follow(
     model: Model, forcing: Forcing | Loop, t: Array, rtol: float, atol: float, stop: float, works: bool = False
 ) -> tuple[Motion, Array, Array]:
     """`simulate` with the states [`granular`] at the end and at rest; works: with the energies behind them."""
-    constants, n = pack(model), granular.X
+    constants = pack(model)
     if isinstance(forcing, Loop):
         limit_loop(constants, forcing, model)
+    led = works or constants["led"][0] or constants["inner"][0]
+    n = granular.N_MOTION if led else granular.X
     if works:
         n = granular.LOST + int(constants["lost"][0]) + 1
-    if constants["led"][0] or constants["inner"][0]:
-        n = max(n, granular.N_MOTION)
     kind, rows, edges = pieces(forcing, stop, max(float(t[-1]), forcing.start))
     position = float(forcing(forcing.start - 1.0)[0][0])  # before the forcing
-    rest, foot = equilibrium(model)
-    constants["rest"] = rest + position
-    ratio = model.m_m / model.M
-    state = np.zeros(n)
-    state[granular.Y], state[granular.XF] = rest + ratio * position, foot
-    if n > granular.X:
-        state[granular.X] = position
-    start = state.copy()
     driven = int(np.searchsorted(t, forcing.start))
     out = np.empty((t.size, within.N_OUT))
-    out[:driven] = rest, foot, rest + position, 0.0, 0.0, (model.M + model.m_f) * model.g, model.M * model.g
-    modes, log = np.full(t.size, granular.STUCK), np.empty((events.MAX_EVENTS, 2))
-    rate = math.sqrt(model.k_s / model.M)
-    tolerance = np.full(n, atol)
-    tolerance[granular.W] *= rate
-    tolerance[granular.VF] *= trial.foot_rate.py_func(model.k_s, model.M, model.m_f)
-    tolerance[granular.V : granular.N_MOTION] *= rate
-    tolerance[granular.N_MOTION :] *= model.M * model.g
-    status, count, depth, before, after, top = compiled.solver()(
+    modes, log = np.full(t.size, granular.STUCK), np.empty((run.MAX_EVENTS, 2))
+    space = run.workspace(n, len(rows))
+    status = compiled.solver()(
         constants,
         kind,
         rows,
         edges,
-        state,
-        -foot,
+        position,
         stop,
         t[driven:],
         out[driven:],
         modes[driven:],
         log,
         rtol,
-        tolerance,
-        2 * math.pi / rate / compiled.STEPS_PER_PERIOD,
+        atol,
         np.empty(0),
-        events.workspace(n, len(rows)),
+        space,
     )
-    if status != events.OK:
-        what = "more events than a jump can have" if status == events.TOO_MANY_EVENTS else "the step became too small"
+    if status == run.CANNOT_CARRY:
+        raise ValueError(SINKS)
+    if status != run.OK:
+        what = "more events than a jump can have" if status == run.TOO_MANY_EVENTS else "the step became too small"
         raise RuntimeError(f"simulate: {what}; check the parameters of the model:\n{model}")
-    named = np.array([(when, events.KINDS[int(k)]) for when, k in log[:count]], dtype=EVENT)
+    p = constants[0]
+    rest, foot = float(p["height"]), -float(p["deep"])
+    out[:driven] = rest, foot, rest + position, 0.0, 0.0, (model.M + model.m_f) * model.g, model.M * model.g
+    start = np.zeros(n)
+    start[granular.Y], start[granular.XF] = rest + model.m_m / model.M * position, foot
+    named = np.array([(when, events.KINDS[int(k)]) for when, k in log[: p["events"]]], dtype=EVENT)
     flights = _flights(named)
     landed = (flights[:, 1] - flights[:, 0])[flights[:, 1] > stop]
     column: dict[str, Any] = dict(zip(OUTPUTS, np.ascontiguousarray(out.T)))
@@ -137,13 +129,17 @@ def follow(
         events=named,
         flights=flights,
         rest=rest,
-        depth_max=depth,
-        jump_height=after - rest if math.isfinite(after) else math.nan,
-        driven_height=before - rest if math.isfinite(before) else math.nan,
-        com_height=top,
+        depth_max=float(p["memory"][granular.FLOOR]),
+        jump_height=_finite(p["rod_after"] - rest),
+        driven_height=_finite(p["rod_before"] - rest),
+        com_height=float(p["com"] - p["lowest"]),
         flight_height=model.g * float(landed.max()) ** 2 / 8 if landed.size else math.nan,
     )
-    return motion, state, start
+    return motion, space.s, start
+
+
+def _finite(height: float) -> float:
+    return float(height) if math.isfinite(height) else math.nan
 
 
 def arguments(motion: Motion, body: Body) -> dict[str, Array]:
@@ -162,6 +158,7 @@ def arguments(motion: Motion, body: Body) -> dict[str, Array]:
             "stretch_rate": motion.rod_velocity - motion.foot_velocity,
         },
         Body.HEIGHT: {"h": motion.rod - motion.rest},
+        Body.MOTOR: {"X": motion.motor - motion.rod},
         Body.TIME: {"time_s": t},
     }
     return table[body]
@@ -263,10 +260,10 @@ def limit_loop(constants: NDArray[Any], loop: Loop, model: Model) -> None:
 
 def equilibrium(model: Model) -> tuple[float, float]:
     """x_r, x_f [m] of the robot at rest: M g on the spring, (M + m_f) g on the ground."""
-    squeeze, z = compiled.equilibrium()(pack(model))
-    if math.isnan(z):
-        raise ValueError("model k2, sigma_cone: the bed cannot carry the robot's weight; give larger values")
-    return -squeeze - z, -z
+    height, deep = compiled.equilibrium()(pack(model))
+    if math.isnan(deep):
+        raise ValueError(SINKS)
+    return height, -deep
 
 
 def pieces(forcing: Forcing | Loop, stop: float, end: float) -> tuple[int, Array, Array]:

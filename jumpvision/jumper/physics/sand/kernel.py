@@ -8,7 +8,7 @@ its packed constants.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -152,6 +152,17 @@ def listed(field: str, *arrays: str) -> Any:
         return types.void(p), code
 
     return call
+
+
+def by_table(rules: Mapping[tuple[int, int], Any]) -> Any:
+    """kernel f(event, mode, s, p, log): the rule of the event in the mode; nothing where there is none."""
+    names = {rule: f"rule{k}" for k, rule in enumerate(dict.fromkeys(rules.values()))}
+    lines = ["def f(event, mode, s, p, log):"]
+    for (event, mode), rule in rules.items():
+        lines += [f"    if event == {event} and mode == {mode}:", f"        {names[rule]}(s, p, log)", "        return"]
+    space: dict[str, Any] = {name: rule for rule, name in names.items()}
+    exec("\n".join(lines), space)
+    return kernel(space["f"])
 
 
 def kernel_of(make: Callable[[str], Any]) -> Callable[[str], Any]:

@@ -34,9 +34,10 @@ RAIL = ("v_m", "x_m", "x_r", "time_s", "u")
 SPRING = ("stretch", "stretch_rate", "u")
 MOTOR = ("X_c", "V_c", "A_c", "X", "time_s")
 ALL = ("z", "v", "z_g", "z_stop", "z_left", "contact_s", "v_m", "x_m", "x_r", "stretch", "stretch_rate", "time_s", "u")
-WHEN = ("intrudes", "slides", "pulls")
-"""What the energy ledger asks for behind ALL: 1.0 while the laws of ground, rail, spring act."""
-NUMBERS = 96  # constants of a model's laws with what is made of them: all built-in laws together have 52
+WHEN = ("intrudes", "sliding", "pulling")
+"""What the energy ledger asks for behind ALL: 1.0 while the laws of the ground act; v_m [m/s] and the rate of extension
+[m/s] while those of rail and spring do, else 0. A law that jumps at v_m = 0 is asked on the side that it is on."""
+NUMBERS = 96  # constants of a model's laws with what is made of them: all built-in laws together have 32
 BENDS = 4  # depths at which laws of the ground bend, of those that act together
 LOSSES = 24  # laws of a model that take energy
 REST = 1e-30  # m/s, of a direction without a speed
@@ -60,15 +61,15 @@ class Laws:
     ages: bool
 
 
-_known: dict[Any, Laws] = {}
+_compiled_laws: dict[Any, Laws] = {}
 
 
 def laws_of(mechanisms: Sequence[Mechanism], sand: bool) -> Laws:
     """Of a model with these mechanisms, on a bed or on hard ground. ValueError where there are too many."""
     key = sand, tuple(m.key for m in mechanisms)
-    if key not in _known:
-        _known[key] = _compiled(mechanisms, sand)
-    return _known[key]
+    if key not in _compiled_laws:
+        _compiled_laws[key] = _compiled(mechanisms, sand)
+    return _compiled_laws[key]
 
 
 def tree(m: Mechanism) -> Node:
@@ -111,19 +112,17 @@ def _losses(mechanisms: Sequence[Mechanism]) -> dict[str, Node]:
     """Power [W] that each law takes out of the jumper; grains that join at the foot's speed bring half their energy."""
     speed, half = negative(symbol("v")), number(0.5)
     cube = mul(mul(symbol("v"), symbol("v")), symbol("v"))
-    found: dict[str, tuple[str, Node]] = {}
+    ground: dict[str, Node] = {}
     for m in _on(mechanisms, Body.STATIC):
-        found[m.name] = "intrudes", mul(static(mechanisms), speed)
+        ground[m.name] = mul(static(mechanisms), speed)
     for m in _on(mechanisms, *_OF_GROUND[1:]):
-        found[m.name] = "intrudes", mul(tree(m), speed)
+        ground[m.name] = mul(tree(m), speed)
     for m in _on(mechanisms, Body.INERTIA):
-        found[m.name] = "intrudes", mul(mul(half, derivative(tree(m), "z")), cube)
-    for m in _on(mechanisms, *_OF_RAIL):
-        found[m.name] = "slides", negative(mul(tree(m), symbol("v_m")))
-    for m in _on(mechanisms, Body.SPRING):
-        if not elastic(m):
-            found[m.name] = "pulls", negative(mul(tree(m), symbol("stretch_rate")))
-    return {n: where(Node(Step.GT, (symbol(when), ZERO)), power, ZERO) for n, (when, power) in found.items()}
+        ground[m.name] = mul(mul(half, derivative(tree(m), "z")), cube)
+    out = {n: where(Node(Step.GT, (symbol("intrudes"), ZERO)), power, ZERO) for n, power in ground.items()}
+    out |= {m.name: negative(mul(tree(m), symbol("sliding"))) for m in _on(mechanisms, *_OF_RAIL)}
+    springs = [m for m in _on(mechanisms, Body.SPRING) if not elastic(m)]
+    return out | {m.name: negative(mul(tree(m), symbol("pulling"))) for m in springs}
 
 
 def motor_of(mechanisms: Sequence[Mechanism]) -> tuple[Node, Node]:
@@ -169,11 +168,11 @@ def _compiled(mechanisms: Sequence[Mechanism], sand: bool) -> Laws:
     lost = tuple(_losses(mechanisms))
     if len(lost) > LOSSES:
         raise ValueError(f"{len(lost)} laws act in this model; at most {LOSSES}: take some out")
-    made = module(constants, _routines(mechanisms, sand, constants))
-    if made.size > NUMBERS:
+    code = module(constants, _routines(mechanisms, sand, constants))
+    if code.size > NUMBERS:
         raise ValueError(f"the laws of this model hold more than {NUMBERS} numbers; write shorter ones")
     ages = any({*m.symbols} & {"contact_s", "time_s", "u"} for m in _on(mechanisms, Body.FOOT))
-    return Laws(made, {n: made.address.get(n, 0) for n in ROUTINES}, lost, ages)
+    return Laws(code, {n: code.address.get(n, 0) for n in ROUTINES}, lost, ages)
 
 
 def dry(m: Mechanism) -> bool:

@@ -37,7 +37,6 @@ from .shared import (
 
 PACKINGS = 13
 DWELL = 0.06  # of the gain, to which the thesis lowers it where it damps the spring (section 2.2.1)
-HEIGHT_SIGMA = 1e-3  # m, of a height in an experiment: what the kink of a simulated curve is weighed with
 
 
 def best_on_hard_ground(s: Sweep, kind: str, frequency: Array) -> float:
@@ -205,7 +204,8 @@ def _rows_of_types(s: Sweep, data: xr.Dataset) -> list[Row]:
         ),
     ]
     if phi.size >= 5:
-        fit = fit_packing_law(phi, data.jump_height_m.sel(jump="single").values, np.full(phi.size, HEIGHT_SIGMA))
+        # the kink of a simulated curve is weighed by the sigma [m] of a height in an experiment
+        fit = fit_packing_law(phi, data.jump_height_m.sel(jump="single").values, np.full(phi.size, 1e-3))
         rows.append(
             s.number("kink of the single's height against phi", kink(fit, 10.0, "mm per 0.01"), "phi_c about 0.605")
         )

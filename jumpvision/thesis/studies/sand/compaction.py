@@ -17,7 +17,6 @@ SHAPES = {"logarithmic": np.geomspace(0.05, 20.0, 9), "stretched": np.linspace(0
 DENSEST = 0.8  # volume fraction, beyond which a fit's dense state is no packing of grains
 LEAST = 5  # different numbers of pulses for four parameters
 REPEATS = 6  # beds beyond the first of their pulses, from which scatter is told from a law that does not fit
-CLEAR = 2.0  # of chi2, by which one law must be better to be told from the other
 
 
 def share(law: str, pulses: ArrayLike, shape: float, tau: float) -> Array:
@@ -54,7 +53,7 @@ class Compaction:
 
     @property
     def told(self) -> bool:
-        return self.other[1] - self.chi2 > CLEAR
+        return self.other[1] - self.chi2 > 2.0  # of chi2: else the laws cannot be told apart
 
     @property
     def doubt(self) -> float:

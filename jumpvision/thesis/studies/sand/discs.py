@@ -25,8 +25,6 @@ from jumpvision.thesis.studies.compute import write
 FILE = "dem.nc"
 FRAMES = 40  # instants of the stroke
 RAMP = 2e-3  # s, in which the foot comes to its speed
-COLLISION = 1e-4  # s, of the two lightest discs
-PLATE = 0.02  # m, height of the foot's body
 CONSTANT = 0.5  # of the stroke: theta is the median from there on
 GROWN = 0.8  # of its greatest thickness: until there the front's growth is fitted
 
@@ -89,13 +87,15 @@ def laid(bed: DiscBed, seed: int) -> Discs:
 def pushed(seed: int, bed: DiscBed) -> xr.Dataset:
     """One bed under the foot: discs over (t, disc), the plug over t."""
     d = laid(bed, seed)
-    law = Law.bouncing(bed.restitution, COLLISION, 0.5 * float(d.mass.min()), coulomb=bed.carpet, friction=bed.friction)
+    # a collision of the two lightest discs takes 0.1 ms
+    law = Law.bouncing(bed.restitution, 1e-4, 0.5 * float(d.mass.min()), coulomb=bed.carpet, friction=bed.friction)
     lasting = bed.stroke / bed.speed + RAMP
     fine = np.linspace(0.0, lasting, 400)
     path = -bed.speed * (fine - RAMP * -np.expm1(-fine / RAMP))
     times = np.linspace(0.0, lasting, FRAMES + 1)
     box = Box(-bed.half_width, bed.half_width, -bed.depth)
-    m = integrate(d, law, box, times=times, dt=time_step(d, law), foot=Plate(bed.foot, PLATE), foot_t=fine, foot_y=path)
+    # the foot's body is 20 mm high
+    m = integrate(d, law, box, times=times, dt=time_step(d, law), foot=Plate(bed.foot, 0.02), foot_t=fine, foot_y=path)
     gone = np.diff(times)[:, None]
     fall, sink = np.diff(m.y, axis=0) / gone, np.diff(m.foot_y) / gone[:, 0]
     plugs = [Plug(*[math.nan] * 4)] + [

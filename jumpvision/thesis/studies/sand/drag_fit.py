@@ -26,7 +26,6 @@ from jumpvision.thesis.studies.study import Found, Measured, Sweep, study
 from .beds import kink
 
 TRIED = {"b": np.geomspace(0.6, 120.0, 25), "alpha": np.geomspace(5.0, 1000.0, 25)}
-APART = 0.002  # of volume fraction: beds further apart are different packings
 LEAST = 5  # packings that a law needs
 
 
@@ -118,7 +117,8 @@ def drag_fit(given: Measured) -> Found:
     found = jumped(phi)
     heights = np.stack([x["jump_height_m"] for x in found])
     order = np.argsort(phi)
-    groups = np.split(order, np.flatnonzero(np.diff(phi[order]) > APART) + 1)
+    # beds further apart than 0.002 are different packings
+    groups = np.split(order, np.flatnonzero(np.diff(phi[order]) > 0.002) + 1)
     own, off = independent(sigma, common), independent(seen.phi_sigma, seen.phi_common)
     tilted = np.zeros_like(heights)  # d height / d phi
     if (seen.phi_sigma > 0.0).any():

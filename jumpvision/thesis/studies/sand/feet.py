@@ -21,7 +21,6 @@ from jumpvision.experiment.workflow.entries import versions
 from jumpvision.jumper.physics import shapes
 from jumpvision.jumper.physics.rft import Grains, Table, cut, generic_2d, generic_3d, gridded, of_plane, push
 
-FINE = 20.0  # triangles along the greatest extent of the foot
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254}
 STRESS = {"N/m^3": 1.0, "N/cm^3": 1e6, "kN/m^3": 1e3}
 ANGLE = {"deg": math.pi / 180.0, "rad": 1.0}
@@ -69,7 +68,8 @@ def body(foot: Foot, stl: Path | None) -> Array:
         made = shapes.sphere(foot.radius)
     else:
         made = {"disc": shapes.disc, "cone": shapes.cone}[foot.shape](foot.radius, foot.height)
-    return cut(made, float(np.ptp(made.reshape(-1, 3), axis=0).max()) / FINE)
+    # twenty triangles along the greatest extent of the foot
+    return cut(made, float(np.ptp(made.reshape(-1, 3), axis=0).max()) / 20.0)
 
 
 def read_table(path: Path) -> Table:

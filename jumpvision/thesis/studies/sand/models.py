@@ -23,7 +23,6 @@ from .shared import DRAGS, FREQUENCIES, batch, drag_of_singles, heights, motion,
 
 COMPARED = ("static", "constant drag", "depth drag", "drag and added mass", "cone")
 SAMPLES = 2001
-ALPHA_SIGMA = 0.05  # share of alpha taken as its uncertainty when its kink is looked for
 SCALES = np.array([0.5, 1.0, 2.0])  # of b
 
 
@@ -99,7 +98,8 @@ def alpha_fit(s: Sweep) -> Found:
         ),
     ]
     if phi.size >= 5:
-        fit = fit_packing_law(phi, all_alpha, ALPHA_SIGMA * all_alpha)
+        # its kink is looked for as if alpha were known to 5 %
+        fit = fit_packing_law(phi, all_alpha, 0.05 * all_alpha)
         rows.append(s.number("kink of alpha against phi", kink(fit, 0.01, "kg/m per 0.01"), "higher slope above phi_c"))
     return data, rows
 

@@ -21,7 +21,6 @@ from jumpvision.thesis.studies.sand.compaction import LEAST, NAMES, Compaction, 
 from jumpvision.thesis.studies.study import Found, Measured, Row, study
 
 TARGETS = np.arange(0.50, 0.701, 0.005)  # volume fractions that pulses are told for, within those measured
-CURVE = 120  # places of the drawn law
 
 
 class Prepared(NamedTuple):
@@ -119,7 +118,7 @@ def _rows(setting: tuple[float, float], law: Compaction, beds: list[Prepared]) -
 def _dataset(given: Measured, used: list[Prepared], laws: dict[tuple[float, float], Compaction]) -> xr.Dataset:
     of = {s: i for i, s in enumerate(laws)}
     most = max(law.range[1] for law in laws.values())
-    curve = np.expm1(np.linspace(0.0, np.log1p(most), CURVE))
+    curve = np.expm1(np.linspace(0.0, np.log1p(most), 120))  # places of the drawn law
     lines = np.array([law.at(curve) for law in laws.values()])
 
     def of_beds(values: list[float] | Array, unit: str, meaning: str) -> xr.Variable:

@@ -10,23 +10,18 @@ import cv2
 import numpy as np
 
 from jumpvision.base.arrays import MAD, Float32
+from jumpvision.films.frames.base import Frames
 from jumpvision.films.vision.ball.measure import Found
-from jumpvision.films.vision.ball.moving import HOLE, MOST_FRAMES, Frames, Path, Spot, at, extent, paths, still_scene
+from jumpvision.films.vision.ball.moving import HOLE, MOST_FRAMES, Path, Spot, at, extent, paths, still_scene
 from jumpvision.films.vision.ball.reasons import GOOD, Flag, Reason
 from jumpvision.films.vision.ball.track import BallTrack, as_track
 
 from .joint import adjusted
 from .layer import Layer, Place, fit, learned
 
-THINGS = 8  # that are looked at in a frame
-USUAL, FAINT = 90, 0.15  # per cent of the frames, in the next of which what changes most is told; less of it is noise
-CLEAR = 4.0  # standard deviations of the noise, the least mean change of a thing
-SIZE = 0.3  # relative difference from the diameter given
 FLIGHT, SURE = 6, 0.7  # frames of a path that nobody clicked, and share of them that must fit
 BESIDE, DARKER = (0.6, 2.5), 1.4  # diameters between a ball and its shadow; of a shadow's change, the ball's
-BEGINS = 3  # spots of a path, of which one may be its first
 GUESS = 12.0  # px: first diameter where none is known
-HOLDS, PLAIN = 1.5, 0.1  # of a ball whose rim is not seen all round: largest misfit; px: of its centre
 CENTRE = "the target is a ball in flight: positions are of its centre, not of the place that was clicked"
 KNOWN = ", known in its picture to {:.2g} px, an offset that turns with the ball"
 
@@ -45,7 +40,8 @@ def in_flight(frames: Frames, diameter: float | None, seed: tuple[float, float] 
         return None
     d = path[0].d
     known_layer = learned(frames, scene, path, d)
-    if known_layer is None or (diameter and abs(known_layer[0].d / diameter - 1.0) > SIZE):
+    # a ball is not more than a third larger or smaller than the diameter given
+    if known_layer is None or (diameter and abs(known_layer[0].d / diameter - 1.0) > 0.3):
         return None
     layer, known, outlined = known_layer
     if not outlined and diameter is None:
@@ -55,7 +51,8 @@ def in_flight(frames: Frames, diameter: float | None, seed: tuple[float, float] 
     if np.mean(on_path) < SURE:
         return None
     better = adjusted(frames, scene, places, layer, outlined)
-    if not outlined and (better is None or better.misfit > HOLDS or better.centre > PLAIN):
+    # a ball whose rim is not seen all round must fit so well, and its centre [px] be known so well
+    if not outlined and (better is None or better.misfit > 1.5 or better.centre > 0.1):
         return None
     if better is None:
         return replace(as_track([p.found for p in places]), notes=(CENTRE,))
@@ -80,8 +77,10 @@ def _path(frames: Frames, scene: Float32, d: float, seed: tuple[float, float] | 
     """The farthest path of those that begin at the seed, of two as far the one of more contrast."""
     n = min(len(frames), MOST_FRAMES)
     things = {i: _things(i, np.asarray(frames[i], np.float32), scene, d) for i in range(n)}
-    usual = float(np.percentile([t[0].contrast if t else 0.0 for t in things.values()], USUAL))
-    all_paths = paths({i: [s for s in t if s.contrast > FAINT * usual] for i, t in things.items()})
+    # what changes most in nine of ten frames
+    usual = float(np.percentile([t[0].contrast if t else 0.0 for t in things.values()], 90))
+    # less than 0.15 of it is noise
+    all_paths = paths({i: [s for s in t if s.contrast > 0.15 * usual] for i, t in things.items()})
     ours = [p for p in all_paths if (_from(p, seed) if seed is not None else len(p) >= FLIGHT)]
     far = [p for p in ours if extent(p) > 0.7 * max(map(extent, ours))]
     return max(far, key=lambda p: float(np.median([s.contrast for s in p])) * math.sqrt(len(p)), default=None)
@@ -89,7 +88,7 @@ def _path(frames: Frames, scene: Float32, d: float, seed: tuple[float, float] | 
 
 def _from(path: Path, seed: tuple[float, float]) -> bool:
     """Whether a path may have begun at the seed in the first frame; its own first may be of the hand beside."""
-    for first, second in itertools.pairwise(path[: 1 + BEGINS]):
+    for first, second in itertools.pairwise(path[:4]):  # the ball's own first may be one of three
         speed = math.hypot(second.x - first.x, second.y - first.y) / (second.i - first.i)
         x, y = at([s for s in path if s.i >= first.i], 0)
         near = math.hypot(first.x - seed[0], first.y - seed[1]), math.hypot(x - seed[0], y - seed[1])
@@ -106,10 +105,10 @@ def _things(i: int, image: Float32, scene: Float32, d: float) -> list[Spot]:
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (k, k)).astype(np.float32)
     mean = cv2.filter2D(change, -1, disc / disc.sum())
     out = []
-    for _ in range(THINGS):
+    for _ in range(8):  # so many things of a frame are looked at
         row, column = (int(v) for v in np.unravel_index(int(np.argmax(mean)), mean.shape))
         peak = float(mean[row, column])
-        if peak < CLEAR * noise:
+        if peak < 4.0 * noise:  # a thing changes the scene by more than 4 standard deviations of the noise
             break
         half = int(0.75 * d) + 1
         y0, x0 = max(0, row - half), max(0, column - half)

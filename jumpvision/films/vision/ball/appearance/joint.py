@@ -21,30 +21,19 @@ from scipy.sparse import csr_array
 
 from jumpvision.base.arrays import FROM_MAD, Array, Float32
 from jumpvision.films.calibration import OUTLINE_RADIUS
+from jumpvision.films.frames.base import Frames
 from jumpvision.films.vision.ball.measure import Found
-from jumpvision.films.vision.ball.moving import Frames
 from jumpvision.films.vision.ball.reasons import GOOD, Flag, Reason
 
 from .layer import Layer, Place, shifted
 
 FINE, OVER = 3, 2  # points of the picture to a pixel; of the disc that it is blurred from, to one of these
-FINEST, WIDEST = 1.25, 40.0  # px: shortest half wave of a face; largest ball, whose waves are some hundred
 ROOM = 2.5  # px beyond the rim, that are fitted
 BLUR = 0.76, 0.35  # px: of a rim, first and least
-TEACHERS, FEWEST = 40, 4  # frames that teach at most, and at least
 TURNS, REST, FIRST = 15, 0.2, 4  # of the fit; standard deviations of a place: the last; before which none is the last
-OWN_TURNS = 12  # of a frame, with the shared unknowns as they are
-LARGEST, SMALL = 0.3, 0.05  # step of radius, blur [px] and exposure; first exposure
-OFF, STRAYED = 0.4, 0.5  # of the learned diameter, by which the fitted may differ; of the radius, by which a place may
-ODD, ODD_LIGHT = 2.8, 3.0  # times what a ball leaves in most frames; of the widest light or contrast: not the ball
-WEAK = 1e-6  # 1 / rad^2: of the turn's prior
+LARGEST = 0.3  # step of radius, blur [px] and exposure
 FREE = 0.1  # of the contrast, by which light and contrast may change from frame to frame, at first
-BARE = 0.03  # share of a pixel, below which it shows the scene
-STRANGE, TAIL = 4.0, 2.0  # standard deviations, from which that is something else; px about it that are left out
-OUTLIER = 3.0  # standard deviations, from which a pixel counts less
-PIECES = 2  # of a streak, to a pixel
 H = 0.02  # px: of differences by the radius and the blur
-STEEP = 2.0  # power of the wave number, with which the amplitude of a face's waves falls
 
 
 @dataclass(frozen=True)
@@ -74,12 +63,13 @@ class _Face:
     def __init__(self, radius: float):
         self.side = 2.0 * (radius + 1.0)
         self.k = 2 * math.ceil(FINE * (radius + ROOM + 3 * BLUR[0])) + 1
-        n = 1 + round(self.side / FINEST)
+        n = 1 + round(self.side / 1.25)  # px: the shortest half wave of a face
         jj, kk = (a.ravel() for a in np.indices((n, n)))
         inside = np.hypot(jj, kk) < n
         self.j, self.k_wave = jj[inside], kk[inside]
         number = math.pi * np.hypot(self.j, self.k_wave) * radius / self.side
-        self.falls = (1.0 + number**2) ** (-0.5 * STEEP)
+        # the amplitude of a face's waves falls with the square of the wave number
+        self.falls = 1.0 / (1.0 + number**2)
         m = OVER * self.k
         at = (np.arange(m) - 0.5 * (m - 1)) / (FINE * OVER)
         self.r = np.hypot(*np.meshgrid(at, at))
@@ -136,7 +126,7 @@ def _laying(f: _Frame, p: Place, exposure: float, k: int) -> tuple[csr_array, cs
     """Matrices (pixels, k k) that lay a picture in a frame, and its derivative by the exposure from slopes along the
     way. Cubic convolution (Keys 1981)."""
     way = exposure * math.hypot(*f.velocity)
-    n = 1 + math.ceil(PIECES * way)
+    n = 1 + math.ceil(2 * way)  # two pieces of a streak to a pixel
     parts = (np.arange(n) + 0.5) / n - 0.5
     c, s = math.cos(p.turn), math.sin(p.turn)
     du = f.u[:, None] - p.x - parts * exposure * f.velocity[0]
@@ -193,11 +183,14 @@ class _Equations:
             shared = np.column_stack([waves, change(a_r, m_r), change(a_b, m_b), exposure])
         left = f.grey - f.behind - change(a, m)
         self.noise = max(FROM_MAD * float(np.median(np.abs(left))), 1e-6 * float(np.ptp(f.grey)) + 1e-9)
-        weight = np.minimum(1.0, OUTLIER * self.noise / np.maximum(np.abs(left), 1e-12))
-        strange = (a < BARE) & (np.abs(left) > STRANGE * self.noise)  # a shadow, a hand
+        # a pixel that is off by 3 standard deviations counts less
+        weight = np.minimum(1.0, 3.0 * self.noise / np.maximum(np.abs(left), 1e-12))
+        # a pixel with less than 0.03 of the ball shows the scene:
+        # what differs from it by more than 4 standard deviations is something else
+        strange = (a < 0.03) & (np.abs(left) > 4.0 * self.noise)  # a shadow, a hand
         if strange.any():
             off = np.hypot(f.u[:, None] - f.u[strange], f.v[:, None] - f.v[strange])
-            weight[off.min(axis=1) < TAIL] = 0.0
+            weight[off.min(axis=1) < 2.0] = 0.0  # px about it are left out
         self.count, self.power = float(weight.sum()), float(weight @ left**2)
         ball = a > 0.5
         self.off = float(np.mean(left[ball] ** 2)) if ball.any() else math.inf
@@ -225,7 +218,7 @@ class _Film:
     @property
     def prior(self) -> Array:
         """Of a frame's own unknowns, one over the variance."""
-        return np.concatenate([[0.0, 0.0, WEAK], 1.0 / self.spread])
+        return np.concatenate([[0.0, 0.0, 1e-6], 1.0 / self.spread])  # 1 / rad^2: the turn is nearly free
 
 
 class Adjusted(NamedTuple):
@@ -240,11 +233,11 @@ class Adjusted(NamedTuple):
 def adjusted(frames: Frames, scene: Float32, places: list[Place], layer: Layer, outlined: bool) -> Adjusted | None:
     """The places [one a frame] of a learned layer, all fitted at once; None where the fit does not come to rest.
     outlined: the layer's diameter is that of an outline, and not only about right."""
-    if layer.d > WIDEST:
+    if layer.d > 40.0:  # a larger ball would have more than some hundred waves
         return None
     good = [i for i, p in enumerate(places) if not p.found.flag]
     cuts = {i: _cut(np.asarray(frames[i], np.float32), scene, places, i, layer.d) for i in good}
-    teach = good[:: max(1, math.ceil(len(good) / TEACHERS))]
+    teach = good[:: max(1, math.ceil(len(good) / 40))]
     face = _Face(0.5 * layer.d)
     shown = layer.shown[layer.alpha > 0.5]
     height = float(np.std(shown)) + abs(float(np.median(shown)))
@@ -264,10 +257,11 @@ def adjusted(frames: Frames, scene: Float32, places: list[Place], layer: Layer, 
             odd = _odd(equations, film.places, widest)
             teach = [i for i in teach if i not in odd]
             equations = {i: equations[i] for i in teach}
-        if len(teach) < FEWEST:
+        if len(teach) < 4:  # too few to tell what they share
             return None
         cov, moved = _stepped(film, face, equations, widest, turn)
-        if not abs(2.0 * film.shared.radius / layer.d - 1.0) < OFF:
+        # the fitted diameter may differ from the learned one by so much
+        if not abs(2.0 * film.shared.radius / layer.d - 1.0) < 0.4:
             return None
         if turn > FIRST and moved < REST:
             break
@@ -289,8 +283,10 @@ def _odd(equations: dict[int, _Equations], places: dict[int, Place], widest: Arr
     off = np.array([e.off for e in equations.values()])
     times = np.sqrt(off / max(float(np.median(off)), 1e-12))
     light = np.array([[places[i].light, places[i].contrast] for i in equations])
-    far = np.abs(light - np.median(light, axis=0)) > ODD_LIGHT * np.sqrt(widest)
-    return {i: float(t) for i, t, f in zip(equations, times, far.any(axis=1), strict=True) if f or t > ODD}
+    # light or contrast beyond 3 times the widest is not the ball's
+    far = np.abs(light - np.median(light, axis=0)) > 3.0 * np.sqrt(widest)
+    # and so is what leaves 2.8 times as much as in most frames
+    return {i: float(t) for i, t, f in zip(equations, times, far.any(axis=1), strict=True) if f or t > 2.8}
 
 
 def _stepped(
@@ -316,7 +312,7 @@ def _stepped(
     step = cov @ right
     radius, blur, exposure = np.clip(step[w:], -LARGEST, LARGEST)
     if turn == 1:  # its derivative is none at none
-        exposure = SMALL
+        exposure = 0.05  # to begin with
     film.shared = _Shared(
         s.waves + step[:w],
         s.radius + radius,
@@ -352,7 +348,7 @@ def _measured(
     they cost all alike. And the standard uncertainty of the centre in the ball's picture [px]."""
     s, pictures, last = film.shared, _Pictures(face, film.shared), dict[int, _Equations]()
     for i, cut in cuts.items():
-        for _ in range(OWN_TURNS):
+        for _ in range(12):  # the shared unknowns stay as they are
             e = _Equations(cut, film.places[i], s, pictures, film.prior, alone=True)
             film.places[i], far = _placed(film.places[i], np.linalg.solve(e.h, e.g), e)
             if far < REST:
@@ -365,7 +361,8 @@ def _measured(
         off = costs[i] - usual
         var = np.linalg.inv(e.h)[:2, :2] * e.power / e.noise**2 / max(e.count - 5.0, 1.0) + off @ cov @ off.T
         sigma, p = math.sqrt(max(var[0, 0], var[1, 1])), film.places[i]
-        away = math.hypot(p.x - expected[i].x, p.y - expected[i].y) > STRAYED * s.radius
+        # a place may move by half of the radius
+        away = math.hypot(p.x - expected[i].x, p.y - expected[i].y) > 0.5 * s.radius
         found = Found(GOOD, p.x, p.y, sigma, 2.0 * s.radius, e.unlike)
         if away or i in odd:
             found = Found(Flag(Reason.NOT_CONVERGED) if away else Flag(Reason.UNLIKE_OTHERS, (odd[i],)))

@@ -15,22 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import FROM_MAD, Float32
+from jumpvision.films.frames.base import Frames
 from jumpvision.films.vision.ball.measure import Found
-from jumpvision.films.vision.ball.moving import Frames, Path
+from jumpvision.films.vision.ball.moving import Path
 from jumpvision.films.vision.ball.reasons import GOOD, Flag, Reason
 
-WINDOW = 0.8  # diameters: half width of the picture of a ball
-ROUNDS = 3  # of learning
-TEACHERS = 40  # frames that teach at most
 TURNS = np.deg2rad(np.arange(-40.0, 41.0, 20.0))  # from the frame before, that are tried
-STEPS, REST, H = 15, 1e-3, 0.3  # of a fit; px: the last; of a difference
-UNLIKE = 0.3  # of the change against the scene, which a fit may leave
-EDGE = 1.0  # px: half width of a ball's rim
+H = 0.3  # px: of a difference
 RAYS, WEAK = 64, 0.12  # of an outline; least change just inside it, of the strongest
-CLOSED = 0.6  # least share of the rays on which what is seen ends at the rim
-ROUND = 0.08  # diameters: largest scatter of an outline about its circle
 FREE = 0.1  # of the contrast, by which light and contrast may change from frame to frame
-LEAST = 0.002  # of the height, that noise is taken for, up to what digitising leaves
 OUTLIER = 3.0  # standard deviations, from which a pixel counts less
 
 
@@ -59,15 +52,15 @@ def learned(frames: Frames, scene: Float32, path: Path, d: float) -> tuple[Layer
     """The layer that a path's frames show, their fits, and whether a round rim is seen; None where nothing holds."""
     h, w = scene.shape
     inside = [s for s in path if 0.6 * d < s.x < w - 0.6 * d and 0.6 * d < s.y < h - 0.6 * d]
-    inside = inside[:: max(1, len(inside) // TEACHERS)]
+    inside = inside[:: max(1, len(inside) // 40)]  # forty frames teach enough
     if len(inside) < 3:
         return None
     usual = float(np.median([s.contrast for s in inside]))
     best = min(inside, key=lambda s: abs(s.contrast - usual))
     order = sorted(inside, key=lambda s: abs(s.i - best.i))
     where = {best.i: Place(best.x, best.y, 0.0, 0.0, 1.0, best.found)}
-    layer = _taught(frames, scene, where, _round(d, d))
-    for turn in range(ROUNDS):
+    layer = _learned_layer(frames, scene, where, _round(d, d))
+    for turn in range(3):  # each round learns from better places
         now: dict[int, Place] = {best.i: where[best.i]} if turn == 0 else {}
         for s in order:
             if s.i in now:
@@ -86,15 +79,16 @@ def learned(frames: Frames, scene: Float32, path: Path, d: float) -> tuple[Layer
         outline = _outline(frames, scene, where, layer)
         x, y, size = outline or (0.0, 0.0, d)
         where = {i: shifted(p, x, y) for i, p in where.items()}
-        layer = _taught(frames, scene, where, _round(d, size))
+        layer = _learned_layer(frames, scene, where, _round(d, size))
     return layer, where, outline is not None
 
 
 def _round(d: float, size: float) -> Float32:
     """Share of the pixels of a window for diameter d that a disc of a size takes in its middle."""
-    k = 2 * math.ceil(WINDOW * d) + 1
+    k = 2 * math.ceil(0.8 * d) + 1  # half width of the picture: 0.8 diameters
     v, u = np.indices((k, k)) - (k - 1) / 2
-    return np.clip((0.5 * size - np.hypot(u, v)) / (2 * EDGE) + 0.5, 0.0, 1.0).astype(np.float32)
+    # a ball's rim is blurred over 2 px
+    return np.clip((0.5 * size - np.hypot(u, v)) / (2 * 1.0) + 0.5, 0.0, 1.0).astype(np.float32)
 
 
 def shifted(place: Place, u: float, v: float) -> Place:
@@ -111,7 +105,7 @@ def sampled(image: Float32, x: float, y: float, turn: float, k: int) -> Float32:
     return np.asarray(cv2.remap(image, at_x, at_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
 
 
-def _taught(frames: Frames, scene: Float32, where: dict[int, Place], alpha: Float32) -> Layer:
+def _learned_layer(frames: Frames, scene: Float32, where: dict[int, Place], alpha: Float32) -> Layer:
     """The layer of this share that the frames show at their places."""
     k = alpha.shape[0]
     seen = []
@@ -161,7 +155,8 @@ def _outline(
             if below.size and below[0] and strong[q]:
                 at[q] = r[begin + below[0]]
         ok = np.isfinite(at)
-        if turn and np.mean(ok[strong]) < CLOSED:
+        # what is seen must end at the rim on so many of the rays
+        if turn and np.mean(ok[strong]) < 0.6:
             return None
         for _ in range(3):
             if ok.sum() < RAYS // 5:
@@ -177,7 +172,8 @@ def _outline(
         u, v, size = float(centre[0]), float(centre[1]), 2.0 * radius
         if not (math.hypot(u, v) < 0.4 * layer.d and 0.6 < size / layer.d < 1.6):
             return None
-    return (u, v, size) if spread < ROUND * size else None
+    # an outline that scatters more about its circle is not round
+    return (u, v, size) if spread < 0.08 * size else None
 
 
 def fit(image: Float32, scene: Float32, layer: Layer, start: Place, d: float) -> Place:
@@ -202,19 +198,20 @@ def fit(image: Float32, scene: Float32, layer: Layer, start: Place, d: float) ->
     yy, xx = np.indices((k, k))
     face = layer.shown[layer.alpha > 0.5]
     height = float(np.std(face)) + abs(float(np.median(face) - np.median(behind)))
-    for _ in range(STEPS):
-        alpha, shown = _laid(layer, x - x0, y - y0, turn)
+    for _ in range(15):  # Gauss-Newton
+        alpha, shown = _warped(layer, x - x0, y - y0, turn)
         model = behind * (1.0 - alpha) + light * alpha + contrast * shown
         part = np.hypot(xx + x0 - x, yy + y0 - y) < 0.5 * layer.d + 3.0
         part[: cut[0]] = part[k - cut[1] :] = part[:, : cut[2]] = part[:, k - cut[3] :] = False
         left = grey - model
         columns = []
         for dx, dy, dt in ((H, 0.0, 0.0), (0.0, H, 0.0), (0.0, 0.0, 2 * H / layer.d)):
-            (a1, m1), (a0, m0) = (_laid(layer, x - x0 + g * dx, y - y0 + g * dy, turn + g * dt) for g in (1.0, -1.0))
+            (a1, m1), (a0, m0) = (_warped(layer, x - x0 + g * dx, y - y0 + g * dy, turn + g * dt) for g in (1.0, -1.0))
             columns.append(((light - behind) * (a1 - a0) + contrast * (m1 - m0)) / (2 * (dx + dy + dt)))
         j = np.stack([*columns, alpha, shown], axis=-1)[part]
         r = left[part]
-        noise = max(FROM_MAD * float(np.median(np.abs(r))), min(0.3, LEAST * height))
+        # noise is at least 0.002 of the height, up to what digitising leaves
+        noise = max(FROM_MAD * float(np.median(np.abs(r))), min(0.3, 0.002 * height))
         weight = np.minimum(1.0, OUTLIER * noise / np.maximum(np.abs(r), 1e-9))
         normal = j.T @ (weight[:, None] * j)
         prior = noise**2 / np.array([np.inf, np.inf, np.inf, (FREE * height) ** 2, FREE**2])
@@ -226,20 +223,20 @@ def fit(image: Float32, scene: Float32, layer: Layer, start: Place, d: float) ->
         x, y, turn, light, contrast = (v + short * float(s) for v, s in zip((x, y, turn, light, contrast), step))
         if not math.hypot(x - start.x, y - start.y) < 0.5 * d:
             return lost(Reason.NOT_CONVERGED)
-        if size < REST:
+        if size < 1e-3:  # px
             break
     if not (reach < x < w - 1 - reach and reach < y < h - 1 - reach):
         return lost(Reason.AT_BORDER)
     ball = part & (alpha > 0.5)
     unlike = float(np.sum(left[ball] ** 2) / max(np.sum((grey - behind)[ball] ** 2), 1e-9))
-    if unlike > UNLIKE or not 0.5 < contrast < 2.0:
+    if unlike > 0.3 or not 0.5 < contrast < 2.0:
         return lost(Reason.UNLIKE, contrast, unlike)
     cov = np.linalg.inv(normal) * float(np.sum(weight * r**2) / max(np.sum(weight) - 5.0, 1.0))
     sigma = math.sqrt(max(cov[0, 0], cov[1, 1]))
     return Place(x, y, turn, light, contrast, Found(GOOD, x, y, sigma, layer.d, unlike))
 
 
-def _laid(layer: Layer, x: float, y: float, turn: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _warped(layer: Layer, x: float, y: float, turn: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """alpha and what is shown, of the layer laid at (x, y) of its own window, turned."""
     k = layer.alpha.shape[0]
     c, s, m = math.cos(turn), math.sin(turn), (k - 1) / 2

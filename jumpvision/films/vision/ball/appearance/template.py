@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array, Float32
+from jumpvision.films.frames.base import Frames
 from jumpvision.films.vision.ball.measure import Found
-from jumpvision.films.vision.ball.moving import Frames, still_scene
+from jumpvision.films.vision.ball.moving import still_scene
 from jumpvision.films.vision.ball.reasons import GOOD, Flag, Reason
 from jumpvision.films.vision.ball.track import BallSettings, BallTrack, as_track
 
@@ -28,13 +29,10 @@ DIAMETER = 21.0  # px, of a target whose size is not given
 LIKE, SURE = 0.7, 0.85  # least correlation with the target: where it is expected, and anywhere in the picture
 TURNS = np.deg2rad([0.0, -20.0, 20.0])  # from the last turn, that are tried
 ALL_TURNS = np.deg2rad(np.arange(0.0, 360.0, 20.0))
-STEPS, REST = 20, 1e-3  # of a fit; px: the last
 CHANGED = 0.25  # of the target's contrast: a place that differs less from the still scene is the scene
 PEAKS = 6  # places that differ most from the scene, in which a lost target is sought
 LINEAR = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
 FOLDED = 20  # frames of which the mean target is made
-MOVES = 0.3  # diameters a frame, from which a target is not where the scene is
-SPEED = 0.5  # of the motion to the next frame, by which it may differ from the last
 
 
 @dataclass(frozen=True)
@@ -91,14 +89,16 @@ def _through(frames: Frames, s: BallSettings, target: Target, scene: Float32) ->
         image = np.asarray(frames[i], np.float32)
         x, y = last[0] + velocity[0] * (lost + 1), last[1] + velocity[1] * (lost + 1)
         speed = math.hypot(*velocity)
-        reach = (s.search * d + SPEED * speed) * (lost + 1)
+        # the motion may differ from the last one by a half
+        reach = (s.search * d + 0.5 * speed) * (lost + 1)
         best = Found(Flag(Reason.NO_TARGET))
         gone = known and left(image, x, y, 0.5 * d)
         if i == 0:
             best, turn = _fitted(image, target, *s.seed, 0.0)
         elif known and not gone and reach < max(image.shape):
+            # a target that moves so fast is not where the scene shows something
             best, turn = _best(
-                image, target, (x, y, reach), turn + TURNS, turn, LIKE, scene if speed > MOVES * d else None
+                image, target, (x, y, reach), turn + TURNS, turn, LIKE, scene if speed > 0.3 * d else None
             )
         if best.flag and known and left(image, x, y, 0.0):  # not anywhere else then
             best = Found(Flag(Reason.FLOWN_OUT))
@@ -189,7 +189,7 @@ def _fitted(image: Float32, target: Target, x: float, y: float, turn: float) -> 
     v, u = (a.ravel() - (k - 1) / 2 for a in np.indices((k, k)))
     h, w_img = image.shape
     size = float(np.sqrt(np.sum(target.weight > 0.5) * 4 / math.pi))
-    for _ in range(STEPS):
+    for _ in range(20):  # Gauss-Newton; most come to rest after five
         if not (half < x < w_img - 1 - half and half < y < h - 1 - half):
             return Found(Flag(Reason.AT_BORDER)), turn
         grey = sampled(image, x, y, turn, k).astype(np.float64)
@@ -206,7 +206,7 @@ def _fitted(image: Float32, target: Target, x: float, y: float, turn: float) -> 
         x, y, turn = x + float(step[0]), y + float(step[1]), turn + float(np.clip(step[2], -0.3, 0.3))
         if math.hypot(x - begin[0], y - begin[1]) > 0.5 * k:
             return Found(Flag(Reason.NOT_CONVERGED)), turn
-        if math.hypot(step[0], step[1]) < REST:
+        if math.hypot(step[0], step[1]) < 1e-3:  # px
             break
     light, contrast = (float(v) for v in step[3:])
     left = grey.ravel() - light - contrast * t

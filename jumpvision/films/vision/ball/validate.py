@@ -1,4 +1,4 @@
-"""A track proves itself: it moves as the film moves, it is not at what stands still; else the film is searched anew."""
+"""Validation of a track: it moves as the film moves, it is not at a still object; else the film is searched anew."""
 
 from __future__ import annotations
 
@@ -6,54 +6,54 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Float32
+from jumpvision.films.frames.base import Frames, Image
 
 from .background import Background, View
-from .disc import A, B
 from .measure import DiscMeasure, Found, Start
-from .moving import MOST_FRAMES, AtHand, Frames, Path, Spot, at, elsewhere, moving_paths, still_scene
+from .moving import MOST_FRAMES, AtHand, Path, Spot, at, elsewhere, moving_paths, still_scene
 from .reasons import Flag, Reason
 from .track import MIN_DIAMETER, BallSettings, BallTrack, BallTracker, as_track
+from .unknowns import A, B
 
-MOVES = 1.0  # diameters: a track that reaches less far stands still
 USUAL, ON_PATH = 1.25, 0.4  # largest ratio of contrasts along a path; diameters off it
-NEARBY, ANYHOW = 0.5, 1.5  # speeds: how far a path may have come unseen from the seed; the only one of the film
-SHORTER = 0.7  # of the longest path: shorter ones are not preferred for lying nearer to the seed
-ENOUGH = 12  # frames from which their median is a scene to take out
-MANY = 0.15  # share of frames lost from which the film is searched for what moves
-GAINS = 1.1  # the search must find the ball moving in so many times as many frames
-PLACE, STAYS, PLACES = 0.2, 3, 5  # diameters; frames there; places that are looked at
-AWAY, ASKED = 1.2, 3  # diameters; frames that are asked whether the same stands there without the ball
+PLACE, STAYS = 0.2, 3  # diameters; frames there
+ASKED = 3  # frames that are asked whether the same stands there without the ball
 STANDS = "doubt: the same stands here in frame {} while the ball is at ({:.0f}, {:.0f})"
 STILL = "doubt: stands still while something moves at ({:.0f}, {:.0f})"
 REMEDY = "; give track.seed = [column, row]"
 
 
-def proved(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTrack:
+def validated(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTrack:
     """The track where nothing speaks against it; the one of what moves through the film where that is the better one;
     with doubtful frames flagged and what a user should know as `notes`."""
     if len(frames) < STAYS or settings.streak:
         return track
-    track = standing(track, frames, settings)
+    track = without_still_objects(track, frames, settings)
     good = track.flag == ""
     d = float(np.median(track.diameter[good])) if good.any() else settings.diameter or MIN_DIAMETER
-    still = stands(track)
-    if still or np.mean(~good) > MANY:
+    still = is_still(track)
+    if still or np.mean(~good) > 0.15:  # so many lost: the film is searched for what moves
         scene = still_scene(frames)
         paths = moving_paths(frames, scene, settings.diameter, settings.polarity, MIN_DIAMETER)
-        came = NEARBY if len(paths) > 1 else ANYHOW
+        # speeds that a path may have come unseen from the seed; the only one of the film more
+        came = 0.5 if len(paths) > 1 else 1.5
         ours = [p for p in paths if settings.seed is None or _begins(p, settings.seed, came)]
         if seed := settings.seed:  # of those about as long as the longest: a shadow flies beside its ball
-            ours = sorted(ours, key=lambda p: (len(p) < SHORTER * len(ours[0]), _apart(p, seed)))
+            # paths below 0.7 of the longest are not preferred for lying nearer to the seed
+            ours = sorted(ours, key=lambda p: (len(p) < 0.7 * len(ours[0]), _distance_to_seed(p, seed)))
         if ours:
-            moving = follow(ours[0], frames, settings, scene if len(frames) >= ENOUGH else None)
-            if (still and settings.seed is None) or _movers(moving, d) > GAINS * _movers(track, d):
-                return _told(standing(moving, frames, settings), ours, still and bool(good.any()), track)
+            # of 12 frames the median is a scene to take out
+            moving = follow(ours[0], frames, settings, scene if len(frames) >= 12 else None)
+            # the search must find the ball moving in a tenth more frames
+            if (still and settings.seed is None) or _movers(moving, d) > 1.1 * _movers(track, d):
+                return _with_notes(
+                    without_still_objects(moving, frames, settings), ours, still and bool(good.any()), track
+                )
         if still and good.sum() >= STAYS and len(frames) > STAYS:
             place = float(np.median(track.x[good])), float(np.median(track.y[good]))
             fit = _ball_at(View.of(np.asarray(frames[int(np.flatnonzero(good)[0])])), *place, d, settings.polarity)
@@ -69,12 +69,13 @@ def proved(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTrac
     return track
 
 
-def stands(track: BallTrack) -> bool:
+def is_still(track: BallTrack) -> bool:
     """Whether a track stays within a diameter, or was never found."""
     good = track.flag == ""
     if not good.any():
         return True
-    return math.hypot(np.ptp(track.x[good]), np.ptp(track.y[good])) < MOVES * float(np.median(track.diameter[good]))
+    # a track that reaches less far than a diameter stands still
+    return math.hypot(np.ptp(track.x[good]), np.ptp(track.y[good])) < 1.0 * float(np.median(track.diameter[good]))
 
 
 def follow(path: Path, frames: Frames, settings: BallSettings, scene: Float32 | None = None) -> BallTrack:
@@ -116,7 +117,7 @@ def _next(tracker: BallTracker, view: View, path: Path, i: int, spot: Spot | Non
     return tracker.keep(found if near else Found(found.flag or Flag(Reason.HIDDEN)))
 
 
-def standing(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTrack:
+def without_still_objects(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTrack:
     """The track with those frames flagged in which it is at what stands there without the ball, too."""
     good = np.flatnonzero(track.flag == "")
     if good.size < 2 * STAYS:
@@ -131,9 +132,9 @@ def standing(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTr
             places.append(left[near])
         left = left[~near]
     flag = track.flag.astype(object)
-    for members in sorted(places, key=len, reverse=True)[:PLACES]:
+    for members in sorted(places, key=len, reverse=True)[:5]:
         x, y = float(np.median(track.x[members])), float(np.median(track.y[members]))
-        away, near_by = (g[np.hypot(track.x[g] - x, track.y[g] - y) > AWAY * d] for g in (good, at_hand))
+        away, near_by = (g[np.hypot(track.x[g] - x, track.y[g] - y) > 1.2 * d] for g in (good, at_hand))
         if not away.size:
             continue
         away = near_by if near_by.size >= ASKED else away
@@ -141,7 +142,7 @@ def standing(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTr
         here = _ball_at(kept.view(nearest), x, y, d, settings.polarity)
         asked = away[np.unique(np.linspace(0, away.size - 1, min(ASKED, away.size)).astype(int))]
         there = (_ball_at(View.of(kept[int(g)]), x, y, d, settings.polarity) for g in asked)
-        if here is not None and all(t is not None and _alike(here, t) for t in there):
+        if here is not None and all(t is not None and _same_object(here, t) for t in there):
             g = int(asked[0])
             flag[members] = STANDS.format(g, track.x[g], track.y[g])
     return _without(track, flag) if (flag != track.flag).any() else track
@@ -160,10 +161,10 @@ def _begins(path: Path, seed: tuple[float, float], came: float) -> bool:
     """Whether a path may have begun at the seed in the first frame, so many times its speed away by then."""
     first, second = path[0], path[1]
     speed = math.hypot(second.x - first.x, second.y - first.y) / (second.i - first.i)
-    return _apart(path, seed) < 1.5 * first.d + came * speed * max(first.i, 0)
+    return _distance_to_seed(path, seed) < 1.5 * first.d + came * speed * max(first.i, 0)
 
 
-def _apart(path: Path, seed: tuple[float, float]) -> float:
+def _distance_to_seed(path: Path, seed: tuple[float, float]) -> float:
     """From the seed to where a path begins, or would have in the first frame, whichever is nearer [px]."""
     first = path[0]
     x, y = at(path, 0) if first.i <= STAYS else (first.x, first.y)
@@ -176,13 +177,13 @@ def _ball_at(view: View, x: float, y: float, d: float, polarity: str) -> Found |
     return found if not found.flag and math.hypot(found.x - x, found.y - y) < 0.4 * d else None
 
 
-def _alike(one: Found, two: Found) -> bool:
+def _same_object(one: Found, two: Found) -> bool:
     assert one.fit is not None and two.fit is not None
     a, b = (abs(float(f.fit.p[A] - f.fit.p[B])) for f in (one, two) if f.fit is not None)
     return math.hypot(one.x - two.x, one.y - two.y) < 0.2 * one.diameter and 0.67 < a / b < 1.5
 
 
-def _without(track: BallTrack, reason: NDArray[Any]) -> BallTrack:
+def _without(track: BallTrack, reason: Image) -> BallTrack:
     """The track with these flags, and no numbers where there is one."""
     flag: NDArray[np.str_] = reason.astype(np.str_)
     x, y, sigma, size, chi2 = (
@@ -191,7 +192,7 @@ def _without(track: BallTrack, reason: NDArray[Any]) -> BallTrack:
     return BallTrack(x, y, sigma, size, chi2, flag, track.notes)
 
 
-def _told(track: BallTrack, paths: Sequence[Path], stood: bool, before: BallTrack) -> BallTrack:
+def _with_notes(track: BallTrack, paths: Sequence[Path], stood: bool, before: BallTrack) -> BallTrack:
     """With notes of what was not taken."""
     notes = list(track.notes)
     if stood:

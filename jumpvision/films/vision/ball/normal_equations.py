@@ -8,11 +8,17 @@ of rows at constant distances: only so does the compiler know that the rows do n
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
+from .unknowns import BX, BY, GX, GY, WX, WY, A, B, R, S, X, Y
+
 SECTORS = 16
+# Sums over a class of pixels, and along the rim of a sector
+SQUARES, OF_BACK, OF_BALL, OF_EDGE, PIXELS, DROPPED = range(6)
+RESIDUAL_STEP, STEP_SQUARED, RESIDUAL_SLOPE, SLOPE_SQUARED = range(4)
 KEEP, DROP = 3.5, 7.0  # residual in standard deviations: full weight up to KEEP, none from DROP on
 EDGE = 0.02  # pixels with E in (EDGE, 1 - EDGE) are the edge
 REACH = 4.5  # blurs from the edge: beyond it a pixel is all ball or all background (3e-6 of the contrast)
@@ -29,20 +35,30 @@ TAN_22 = math.tan(math.pi / 8.0)
 FAST = {"contract", "reassoc", "arcp", "nsz"}  # not "nnan": a far step may give NaN
 
 
+class Zone(NamedTuple):
+    """Pixels that are fitted: about a disc of that centre, radius and streak (wx, wy), from so far inside its rim to so
+    far outside [px]."""
+
+    x: float
+    y: float
+    radius: float
+    wx: float
+    wy: float
+    inside: float
+    outside: float
+
+
 @njit(cache=True)
 def pixels_in_use(img, zone, every):  # type: ignore[no-untyped-def]
-    """Column, row and value (3, n) of the pixels in the zone that hold data; of each `every`-th row only.
-
-    zone: x, y, R, wx, wy, inner depth, outer margin.
-    """
-    hx, hy = 0.5 * zone[3], 0.5 * zone[4]
+    """Column, row and value (3, n) of the pixels in the zone that hold data; of each `every`-th row only."""
+    hx, hy = 0.5 * zone.wx, 0.5 * zone.wy
     zl2 = 4.0 * (hx * hx + hy * hy)
-    r_out, r_in = zone[2] + zone[6], max(zone[2] - zone[5], 0.0)
+    r_out, r_in = zone.radius + zone.outside, max(zone.radius - zone.inside, 0.0)
     r_out2, r_in2 = r_out * r_out, r_in * r_in
-    y_lo = max(0, math.floor(zone[1] - abs(hy) - r_out))
-    y_hi = min(img.shape[0] - 1, math.ceil(zone[1] + abs(hy) + r_out))
-    x_lo = max(0, math.floor(zone[0] - abs(hx) - r_out))
-    x_hi = min(img.shape[1] - 1, math.ceil(zone[0] + abs(hx) + r_out))
+    y_lo = max(0, math.floor(zone.y - abs(hy) - r_out))
+    y_hi = min(img.shape[0] - 1, math.ceil(zone.y + abs(hy) + r_out))
+    x_lo = max(0, math.floor(zone.x - abs(hx) - r_out))
+    x_hi = min(img.shape[1] - 1, math.ceil(zone.x + abs(hx) + r_out))
     # No more than the unit squares about pixels within have room for
     most = math.pi * (r_out + 1.0) ** 2 + 2.0 * (r_out + 1.0) * math.sqrt(zl2)
     if zl2 == 0.0:
@@ -51,7 +67,7 @@ def pixels_in_use(img, zone, every):  # type: ignore[no-untyped-def]
     count = 0
     for iy in range(y_lo, y_hi + 1, every):
         for ix in range(x_lo, x_hi + 1):
-            zx, zy = ix - zone[0], iy - zone[1]
+            zx, zy = ix - zone.x, iy - zone.y
             if zl2 > 0.0:  # distance to the nearest and to the farthest point of the streak
                 t = max(-0.5, min(0.5, 2.0 * (zx * hx + zy * hy) / zl2))
                 near2 = (zx - 2.0 * t * hx) ** 2 + (zy - 2.0 * t * hy) ** 2
@@ -76,8 +92,8 @@ def accumulate(pixels, p, n_par, noise, soft, last, work, h, g, classes, sectors
     w r^2, w (1 - E), w E, 4 w E (1 - E), pixels, dropped pixels; and sectors (4, 16): residual and model along
     E - 1/2, then along dI/dR. work: (ROOM,).
     """
-    s = p[3]
-    wx, wy = (p[10], p[11]) if n_par == 12 else (0.0, 0.0)
+    s = p[S]
+    wx, wy = (p[WX], p[WY]) if n_par == 12 else (0.0, 0.0)
     n_t = max(3, math.ceil(math.sqrt(wx * wx + wy * wy) / (0.7 * s))) if n_par == 12 else 1
     h[:] = 0.0
     g[:] = 0.0
@@ -104,7 +120,7 @@ def accumulate(pixels, p, n_par, noise, soft, last, work, h, g, classes, sectors
 @njit(cache=True, fastmath=FAST, error_model="numpy")
 def _instant(work, n, p, t, tx, ty, share):  # type: ignore[no-untyped-def]
     """Adds what the disc contributes at one instant of the exposure, (tx, ty) beside its middle."""
-    x, y, rad, s, b, a, bx, by, gx, gy = p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8], p[9]
+    x, y, rad, s, b, a, bx, by, gx, gy = p[X], p[Y], p[R], p[S], p[B], p[A], p[BX], p[BY], p[GX], p[GY]
     per_rad, per_s = 1.0 / rad, 1.0 / s
     kurt = 1.0 / (2880.0 * s**4)
     far_out, far_in = rad + REACH * s, rad - REACH * s
@@ -141,8 +157,8 @@ def _instant(work, n, p, t, tx, ty, share):  # type: ignore[no-untyped-def]
 @njit(cache=True, fastmath=FAST, error_model="numpy")
 def _weigh(work, n, p, noise, soft):  # type: ignore[no-untyped-def]
     """Residual, variance and robust weight of each pixel, and the slopes along the background; sum of capped u^2."""
-    x, y, per_rad = p[0], p[1], 1.0 / p[2]
-    b, bx, by = p[4], p[6], p[7]
+    x, y, per_rad = p[X], p[Y], 1.0 / p[R]
+    b, bx, by = p[B], p[BX], p[BY]
     n0, n1, n2, per_soft = noise[0], noise[1], noise[2], 1.0 / soft
     total = 0.0
     for k in range(n):
@@ -222,14 +238,14 @@ def _inspect(work, n, p, classes, sectors):  # type: ignore[no-untyped-def]
         res, w, var = work[RES + k], work[W + k], work[VAR + k]
         e_in = min(1.0, max(0.0, work[E + k]))
         c = 0 if e_in < EDGE else (1 if e_in > 1.0 - EDGE else 2)
-        classes[c, 0] += w * res * res
-        classes[c, 1] += w * (1.0 - e_in)
-        classes[c, 2] += w * e_in
-        classes[c, 3] += w * 4.0 * e_in * (1.0 - e_in)
-        classes[c, 4] += 1.0
+        classes[c, SQUARES] += w * res * res
+        classes[c, OF_BACK] += w * (1.0 - e_in)
+        classes[c, OF_BALL] += w * e_in
+        classes[c, OF_EDGE] += w * 4.0 * e_in * (1.0 - e_in)
+        classes[c, PIXELS] += 1.0
         if w == 0.0:
-            classes[c, 5] += 1.0
-        dx, dy = work[PX + k] - p[0], work[PY + k] - p[1]
+            classes[c, DROPPED] += 1.0
+        dx, dy = work[PX + k] - p[X], work[PY + k] - p[Y]
         u, v = abs(dx), abs(dy)
         q = int(v > TAN_22 * u) + int(v > u) + int(TAN_22 * v > u)  # within the quadrant; counted on from the -x axis
         if dx >= 0.0:
@@ -237,7 +253,7 @@ def _inspect(work, n, p, classes, sectors):  # type: ignore[no-untyped-def]
         elif dy >= 0.0:
             q = 15 - q
         template, slope = e_in - 0.5, work[JR + k]
-        sectors[0, q] += res * template
-        sectors[1, q] += template * template
-        sectors[2, q] += slope * res / var
-        sectors[3, q] += slope * slope / var
+        sectors[RESIDUAL_STEP, q] += res * template
+        sectors[STEP_SQUARED, q] += template * template
+        sectors[RESIDUAL_SLOPE, q] += slope * res / var
+        sectors[SLOPE_SQUARED, q] += slope * slope / var

@@ -14,8 +14,8 @@ from scipy.special import ndtr
 from jumpvision.experiment.init.recognise import by_picture
 from jumpvision.films.arrays.track import track as of_arrays
 from jumpvision.films.vision.ball.moving import moving_paths, still_scene
-from jumpvision.films.vision.ball.proof import proved
 from jumpvision.films.vision.ball.track import BallSettings, track_ball
+from jumpvision.films.vision.ball.validate import validated
 
 H, W, D = 200, 300, 14.0
 FINE = 5
@@ -152,7 +152,7 @@ def test_frames_on_a_smudge_are_flagged(there):
     t = track_ball(frames, **vars(settings))
     x, y = np.where(wrong, 200.0, truth[:, 0]), np.where(wrong, 60.0, truth[:, 1])
     sigma, size, chi2 = (np.where(wrong, v[0], v) for v in (t.sigma, t.diameter, t.chi2))
-    out = proved(type(t)(x, y, sigma, size, chi2, np.full(20, "")), list(frames), settings)
+    out = validated(type(t)(x, y, sigma, size, chi2, np.full(20, "")), list(frames), settings)
     if there:
         assert (out.flag == "").all() and np.hypot(out.x - truth[:, 0], out.y - truth[:, 1]).max() < 0.1
         return
