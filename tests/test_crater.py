@@ -16,9 +16,9 @@ from scipy.ndimage import gaussian_filter, gaussian_filter1d
 from jumpvision.cli import main
 from jumpvision.estimate.crater import critical_fraction, line_crater
 from jumpvision.estimate.crater_map import map_crater
-from jumpvision.experiment.inputs.parameters import CraterParams
 from jumpvision.experiment.inputs.sections import CraterDepth
 from jumpvision.experiment.stages.bed.crater import crater
+from jumpvision.films.parameters import CraterParams
 from jumpvision.laboratory import write
 from jumpvision.laboratory.films.bed import crater_profile, laser_picture
 from jumpvision.laboratory.films.optics import record
@@ -215,7 +215,7 @@ def test_the_drawn_disc_lies_about_the_crater_of_its_map(tmp_path):
     np.save(tmp_path / "map.npy", h + 2e-5 * np.random.default_rng(0).normal(size=h.shape))
     depth = CraterDepth("map.npy", tmp_path / "map.npy", scale=1e-3)
     axis = Figure().subplots()
-    draw_map(axis.figure, axis, crater(None, depth, None, None, None, p=CraterParams()).shape, depth)
+    draw_map(axis.figure, axis, crater(None, depth, None, None, None, p=CraterParams()).values, depth)
     (circle,) = axis.lines
     column, row = (np.mean([np.min(v), np.max(v)]) for v in circle.get_data())
     assert (column, row) == pytest.approx((72.0, 30.0), abs=1.0)

@@ -11,7 +11,8 @@ import pytest
 from conftest import later
 from scipy import ndimage
 
-from jumpvision.films.vision.foot_face import APART, Stack, track_foot
+from jumpvision.films.calibration import FACE_OF_FOOT
+from jumpvision.films.vision.foot_face import Stack, track_foot
 
 SHAPE = (130, 200)  # rows, columns
 CENTRE, HALF = 100.0, 60.0
@@ -73,7 +74,7 @@ def test_face(texture, rms, carry):
 def test_the_sigma_of_a_laid_up_face_is_that_of_its_few_blocks():
     """Frames laid over each other on the body, grains that end 0.3 px rms higher or lower in each of 12 blocks of
     columns and do so in all frames: over 100 films the face scatters by what is stated, to four times 1/sqrt(200). (The
-    highest grains of a film count for more: 0.1 px on average, a part of APART.)"""
+    highest grains of a film count for more: 0.1 px on average, a part of FACE_OF_FOOT.)"""
     rng, found, y = np.random.default_rng(9), [], np.arange(44.0)
     for _ in range(100):
         stack, ends = Stack(), 20.0 + rng.normal(0.0, 0.3, 12)
@@ -84,7 +85,7 @@ def test_the_sigma_of_a_laid_up_face_is_that_of_its_few_blocks():
         found.append(stack.face())
     face, sigma = np.transpose(found)
     assert np.std(face) / np.sqrt(np.mean(sigma**2)) == pytest.approx(1.0, abs=0.28)
-    assert abs(np.mean(face)) < 0.5 * APART
+    assert abs(np.mean(face)) < 0.5 * FACE_OF_FOOT.value
 
 
 @pytest.mark.long

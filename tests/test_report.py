@@ -413,9 +413,8 @@ def test_fits_stand_in_words_units_and_digits():
 def test_a_campaigns_sentence_says_on_which_side_the_model_lies():
     """3 mm above the measured heights at every jump, then 2 mm below them."""
     for off, said in ((3e-3, "the model is 3 mm higher on average"), (-2e-3, "the model is 2 mm lower on average")):
-        rows = [
-            {"experiment": str(h), "jump_height_m": h, "simulated_height_m": h + off} for h in (0.030, 0.035, 0.041)
-        ]
+        jumps = [Summary("", jump_height=Uncertain(h, 1e-5), simulated_height=h + off) for h in (0.030, 0.035, 0.041)]
+        rows = [JumpRow(str(k), kind="single", summary=jumped) for k, jumped in enumerate(jumps)]
         text, facts = campaign_words(rows, None, None, 0)
         assert said in text and facts[-1] == (f"{1e3 * abs(off):.3g}", "mm", "model against measured, rms")
 

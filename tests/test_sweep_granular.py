@@ -240,7 +240,7 @@ def test_a_constant_drag_is_that_of_the_machines_own_foot():
         wide = dataclasses.replace(
             SAND, laws=read_laws(EXAMPLE), model=dataclasses.replace(SAND.model, foot_radius=own)
         )
-        laws = with_alpha(types.SimpleNamespace(machine=wide), np.array([0.58, 0.60]), 50.0)
+        laws = with_alpha(types.SimpleNamespace(setup=wide), np.array([0.58, 0.60]), 50.0)
         np.testing.assert_allclose(laws.points([0.58, 0.60], own)["model.alpha"], 50.0, rtol=1e-12)
 
 
