@@ -9,6 +9,7 @@ from .api import diagnose as diagnose
 from .api import sweep as sweep
 from .api import plan as plan
 from .api import ringdown as ringdown
+from .api import flights as flights
 from .api import triangulate as triangulate
 from .api import Recording as Recording
 from .api import Study as Study

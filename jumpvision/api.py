@@ -147,7 +147,7 @@ def flights(
     (with the correlation of the two); height_m = gravity time_s^2 / 8, height_sigma_m; curvature_m_s2, fitted freely,
     curvature_sigma_m_s2; begins, ends: "rest", "impact" (shorter than a sample, between two flights), "support" (a
     smooth motion met at an angle), "spring", "release", "contact" (none of these: good to a sample), "outside".
-    `.attrs["restitution"]` is (e, sigma) of successive bounces, NaN below two complete ones; `.attrs["doubts"]` says
+    `.attrs` holds restitution, (e, sigma) of successive bounces, NaN below two complete ones, and doubts, which say
     what the record contradicts, e.g. a free flight at 11.8 m/s^2 where the scale is wrong, as a Python warning does.
     Raises ValueError for arrays of different lengths, times that do not increase, a sigma that is not above 0.
 
