@@ -29,6 +29,7 @@ RATES = (240.0, 500.0, 1000.0, 2000.0, 4000.0)
 G = 9.81
 MUST = (20.0, 8.0)  # sigmas of height, samples of time
 STEP = 2e-5  # s
+KINDS = ("", "motor", "foot", "foot motor", "sand", "sand motor")
 Rng = np.random.Generator
 
 
@@ -106,16 +107,12 @@ def ball(rng: Rng, contact: float = 0.0) -> Scene:
         k = np.searchsorted(table[:, 0], times, side="right") - 1
         a, b = table[np.maximum(k, 0)].T
         y = np.where(k == 0, fall - 0.5 * G * (times - held) ** 2, 0.5 * G * (times - a) * (b - times))
-        speed = np.concatenate([[math.sqrt(2.0 * fall * G)], 0.5 * G * np.diff(table[1:], axis=1)[:, 0]])[
-            np.maximum(k, 0)
-        ]
+        spans = np.diff(table[1:], axis=1)[:, 0]
+        speed = np.concatenate([[math.sqrt(2.0 * fall * G)], 0.5 * G * spans])[np.maximum(k, 0)]
         inside = (times > b) & (k < n)
         since = np.clip(times - b, 0.0, contact)  # half a swing whose damping leaves e of the speed
-        dip = (
-            0.0
-            if not contact
-            else -speed * contact / math.pi * e ** (since / contact) * np.sin(math.pi * since / contact)
-        )
+        swing = e ** (since / max(contact, STEP)) * np.sin(math.pi * since / max(contact, STEP))
+        dip = -speed * contact / math.pi * swing
         return np.where(k < 0, fall, np.where(times <= b, y, np.where(inside, dip, 0.0)))
 
     return Scene(
@@ -157,21 +154,21 @@ def _rates(s, t, p, foot, ground):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _jump(n, dt, p, kick, kick_at, sand, times):  # type: ignore[no-untyped-def]
-    """(heights of the rod (n,), of the centre of mass (n,), number of lift-offs and landings written to times (k, 2))."""
-    k, c, m, mf, g, share, size, w, phase, start, stop, dig, loss = p
+    """(height of the centre of mass (n,), number of flights, their lift-offs and landings written to times (k, 2))."""
+    k, m, mf, g, dig = p[0], p[2], p[3], p[4], p[11]
     s = np.array([-m * g / k, 0.0, 0.0, 0.0])
     ground = 1
     if sand:
         s[2] = -(m + mf) * g / dig
         s[0] += s[2]
-    rod, centre = np.empty(n), np.empty(n)
+    centre = np.empty(n)
     count, flying = 0, False
     rest_y, rest_f = s[0], s[2]
     kicked = False
     for i in range(n):
         t = i * dt
         _, pull, x = _rates(s, t, p, mf > 0.0, ground)
-        rod[i], centre[i] = x - rest_y, s[0] - rest_y
+        centre[i] = s[0] - rest_y
         if not kicked and t >= kick_at and kick != 0.0:
             s[1] -= kick
             kicked = True
@@ -210,7 +207,7 @@ def _jump(n, dt, p, kick, kick_at, sand, times):  # type: ignore[no-untyped-def]
         if count == times.shape[0]:
             break
         s = new
-    return rod, centre, count
+    return centre, count
 
 
 def jumper(rng: Rng, *, sand: bool = False, foot: bool = False, motor: bool = False) -> Scene:
@@ -227,7 +224,7 @@ def jumper(rng: Rng, *, sand: bool = False, foot: bool = False, motor: bool = Fa
         p = (k, c, m, mf, g, 0.85, size, w, phase, start, stop, rng.uniform(2e3, 8e3), rng.uniform(2.0, 15.0))
         kick = 0.0 if motor else rng.uniform(0.3, 0.9)
         n, times = int(1.0 / STEP), np.full((40, 2), np.nan)
-        rod, centre, count = _jump(n, STEP, p, kick, start, sand, times)
+        centre, count = _jump(n, STEP, p, kick, start, sand, times)
         edges = times[: count + int(np.isfinite(times[count, 0]))] if count < 40 else times
         longest = np.nanmax(np.diff(edges, axis=1), initial=0.0)
         if count < 30 and 0.03 < longest < 0.35:
@@ -379,8 +376,9 @@ def say(each: bool, r: Record, f: Flights) -> None:
     if each:
         true = [f"{x:.4f}-{y:.4f}" for x, y in r.scene.flights]
         got = [f"{x:.4f}-{y:.4f} {'/'.join(k)}" for x, y, k in zip(f.lift_off, f.landing, f.kinds)]
+        stated = "stated" if r.sigma is not None else "not stated"
         print(
-            f"  {r.scene.name} {r.family} {r.rate:g} Hz {1e6 * r.noise:.0f} um {'stated' if r.sigma is not None else ''}: {true} found {got}",
+            f"  {r.scene.name}, {r.family} {r.rate:g} Hz {1e6 * r.noise:.0f} um {stated}: {true} found {got}",
             flush=True,
         )
 
@@ -442,9 +440,7 @@ def single(rng: Rng, number: int, each: bool) -> list[Row]:
 def jumpers(rng: Rng, number: int, each: bool) -> list[Row]:
     """Spring, foot, motor; hard ground and sand."""
     rows = []
-    kinds = [
-        dict(), dict(motor=True), dict(foot=True), dict(foot=True, motor=True), dict(sand=True), dict(sand=True, motor=True)
-    ]  # fmt: skip
+    kinds: list[dict[str, bool]] = [dict.fromkeys(names.split(), True) for names in KINDS]
     for kind in kinds:
         right, lift, lasts, name, beside = [], [], [], "", []
         for _ in range(max(number // 4, 20)):
@@ -551,15 +547,14 @@ def scales(rng: Rng, number: int, each: bool) -> list[Row]:
                 if said:
                     say(each, r, f)
             else:
-                good = said
                 for i, k in matched(f, r.scene.flights, r.t[-1]):
                     if r.seen(MUST)[k] and np.isfinite(f.time[i]):
-                        good = good or abs(f.time[i] - np.diff(r.scene.flights[k])[0]) < 2.0 * f.time_sigma[i]
-                small.append(bool(good))
+                        off = abs(f.time[i] - np.diff(r.scene.flights[k])[0])
+                        small.append(said or bool(off < 2.0 * f.time_sigma[i]))
     return [
         share("scale or rate off by 3-30 %, its curvature known to a sixth of that: told", told, low=0.95),
         share("scale and rate right: told all the same", false, high=0.02),
-        share("scale or rate off by 2 %: told, or a flight time within 2 sigma", small, low=0.95),
+        share("scale or rate off by 2 %: told, or flight times within 2 sigma", small, low=0.95),
     ]
 
 

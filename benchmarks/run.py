@@ -31,6 +31,7 @@ PARTS = {
     "plan": "Motion planning",
     "diagnosis": "Diagnosis",
     "diagnosis_real": "Diagnosis of real recordings",
+    "flights": "Flights in tracks",
     "grain_films": "Grain films: bias and sigma of the cone",
 }
 

@@ -34,12 +34,13 @@ def flights(
     (with the correlation of the two); height_m = gravity time_s^2 / 8, height_sigma_m; curvature_m_s2, fitted freely,
     curvature_sigma_m_s2; begins, ends: "rest", "impact" (shorter than a sample, between two flights), "support" (a
     smooth motion met at an angle), "spring", "release", "contact" (none of these: good to a sample), "outside".
-    `.attrs["restitution"]` is (e, sigma) of successive bounces, NaN below two complete ones; `.attrs["doubts"]` says
+    `.attrs` holds restitution, (e, sigma) of successive bounces, NaN below two complete ones, and doubts, which say
     what the record contradicts, e.g. a free flight at 11.8 m/s^2 where the scale is wrong, as a Python warning does.
     Raises ValueError for arrays of different lengths, times that do not increase, a sigma that is not above 0.
 
     Example: jv.flights(jv.track(frames, frame_rate=500, scale=2e-4, origin=(320, 460)))
     """
+
     given = columns_of(table) if height_m is None else (table, height_m, sigma_m)
     found = found_in(*given, gravity=gravity, shortest=shortest, max_gap=max_gap)
     for doubt in found.doubts:

@@ -9,12 +9,11 @@ import numpy as np
 
 from jumpvision.base.arrays import Array
 
-from .corner import crossing, moves
 from .ground import Ground
 from .motion import POWER, Motion, Part, curvature, price, pushed, turning
-from .piece import Line, polynomial
+from .piece import Line, crossing, moves, polynomial
 from .segments import FLIGHT, NUMBERS, REST
-from .spring import Settings, Sprung, sprung, swings
+from .spring import Settings, Sprung, sprung, swings, well
 
 UNLIKE = 3.0  # sigmas by which a flight's own curvature may differ before it is fitted with it
 FEWEST = 6  # samples of a smooth motion that a flight may meet at an angle
@@ -88,13 +87,22 @@ def flight(motion: Motion, k: int, how: Settings, under: Ground | None = None) -
             freely = replace(how, gravity_sigma=FREE * how.gravity)
             fit = sprung(piece, (part.i, part.j), reach, gradual, freely) or fit
         line = fit.line
-        worth = fit.chi2 + price(piece)  # a swing has a level, two amplitudes and a frequency, this one number more
-        swing = len(gradual) == len(sides) and swings(piece.part(*fit.window)) <= worth
+        swing = len(gradual) == len(sides) and _swings(motion, part, reach, fit, POWER**2 if how.fitted else 0.0)
     cov = line.cov if fit is None else fit.cov
     covariances = {k: cov} | {b.name: b.line.cov for b in beside.values()}
     swing = swing or not all(pushed_up(motion, k, side) for side in gradual if fit is None or not fit.good)
     edges = tuple(_edge(motion, k, s, line, cov, beside, fit, gradual) if s in sides else None for s in (-1, 1))
     return Flight(part.i, part.j, (edges[0], edges[1]), own, covariances, swing)
+
+
+def _swings(motion: Motion, part: Part, reach: tuple[int, int], fit: Sprung, more: float) -> bool:
+    """Whether one swing explains all from turn to turn, and a flight between springs is no better by `more` of chi^2:
+    six numbers each."""
+    lo, hi = min(reach[0], part.i), max(reach[1], part.j)
+    swing = swings(motion.piece.part(lo, hi))
+    if fit.window == (lo, hi):
+        return swing <= fit.chi2 + more
+    return well(swing, hi - lo - 6) or swings(motion.piece.part(*fit.window)) <= fit.chi2 + more
 
 
 def pushed_up(motion: Motion, k: int, side: int) -> bool:

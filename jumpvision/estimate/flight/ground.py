@@ -14,9 +14,8 @@ import numpy as np
 
 from jumpvision.base.arrays import Array
 
-from .corner import crossing, moves
 from .motion import POWER, Motion, price
-from .piece import Line
+from .piece import Line, crossing, moves
 from .segments import FLIGHT, REST
 
 BRIEF = 0.1  # of the shorter flight beside it: the longest contact that is a bounce

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .corner import crossing
-from .piece import Line, Piece, polynomial
+from .piece import Line, Piece, crossing, polynomial
 from .segments import CURVED, FLIGHT, NUMBERS, REST, STRAIGHT, segmented
 
 ABRUPT = (REST, STRAIGHT, FLIGHT)

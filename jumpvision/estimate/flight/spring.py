@@ -34,13 +34,17 @@ class Ring:
 
 @dataclass(frozen=True)
 class Settings:
-    """gravity, its sigma [m/s^2]; shortest flight [s]; ring of a foot; lag = c/k [s] of the damper at the spring."""
+    """gravity, its sigma [m/s^2]; shortest flight [s]; ring of a foot; lag = c/k [s] of the damper at the spring.
+
+    fitted: whether that gravity is one of the record's own, which a swing's top may imitate.
+    """
 
     gravity: float
     gravity_sigma: float = 0.0
     shortest: float = 0.0
     ring: Ring | None = None
     lag: float = 0.0
+    fitted: bool = False
 
 
 @dataclass(frozen=True)
@@ -69,7 +73,7 @@ class Sprung:
     @property
     def good(self) -> bool:
         dof = self.n - self.p.size - 2 * len(self.edges)
-        return dof > 0 and self.chi2 <= scipy.special.chdtri(dof, POOR)
+        return well(self.chi2, dof)
 
 
 def departure(tau: Array, w: Array | float, lag: float) -> tuple[Array, Array]:
@@ -231,13 +235,14 @@ def _start(
 
 
 def swings(piece: Piece) -> float:
-    """Least chi^2 of one swing about a level, of any frequency about one period in the piece."""
+    """Least chi^2 of one swing of changing amplitude about a level, of any frequency about one period in the piece."""
     span = piece.t[-1] - piece.t[0]
     tau = piece.t - piece.t[0]
     y = piece.white(piece.y)
 
     def chi2(w: float) -> float:
-        a = piece.white(np.stack([np.ones_like(tau), np.cos(w * tau), np.sin(w * tau)], axis=1))
+        swing = np.cos(w * tau), np.sin(w * tau)
+        a = piece.white(np.stack([np.ones_like(tau), *swing, tau * swing[0], tau * swing[1]], axis=1))
         x = np.linalg.lstsq(a, y, rcond=None)[0]
         return float(np.sum((y - a @ x) ** 2))
 
@@ -245,3 +250,8 @@ def swings(piece: Piece) -> float:
     best = int(np.argmin([chi2(w) for w in tried]))
     low, high = tried[max(best - 1, 0)], tried[min(best + 1, tried.size - 1)]
     return float(scipy.optimize.minimize_scalar(chi2, bounds=(low, high), method="bounded").fun)
+
+
+def well(chi2: float, dof: int) -> bool:
+    """Whether a chi^2 is one that chance makes."""
+    return dof > 0 and chi2 <= scipy.special.chdtri(dof, POOR)

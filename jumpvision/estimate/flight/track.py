@@ -17,8 +17,8 @@ from ..mean import difference_noise
 from .edges import Flight, flight
 from .flights import NAN, Doubt, Flights
 from .ground import ground
-from .learning import with_noise
 from .motion import POWER, Motion, curvature, motion
+from .noise import with_noise
 from .piece import Piece
 from .segments import FLIGHT, LIKE
 from .spring import Ring, Settings
@@ -53,7 +53,7 @@ def track_flights(
     spring. The motor must not move during the flight: the rod alone then follows no parabola (give the time after
     the forcing, or the centre of mass of motor and rod).
 
-    Segments are chosen by evidence (`segments`), the noise and its correlation learned from them (`learning`). A flight
+    Segments are chosen by evidence (`segments`), the noise and its correlation learned from them (`noise`). A flight
     has a parabola of curvature -gravity. It ends where that meets a rest or the next flight (an impact shorter than a
     sample), or where the body is on a spring of free stiffness, whichever the evidence prefers (`edges`). A damper that
     is not told makes both edges early by c/k (0.24 ms for the robot of Table 3) and leaves the flight time. Where
@@ -90,7 +90,7 @@ def as_filmed(cut: list[Piece], how: Settings) -> tuple[Whole, list[Doubt]]:
     makes of it, which is then said."""
     whole = [flights_in(piece, how) for piece in cut]
     for bend in others(whole, how):
-        tried = [flights_in(piece, replace(how, gravity=bend)) for piece in cut]
+        tried = [flights_in(piece, replace(how, gravity=bend, fitted=True)) for piece in cut]
         whole = tried if aloft(tried) > aloft(whole) else whole
     flying = [f for _, some in whole for f in some]
     if not flying:
@@ -105,7 +105,8 @@ def as_filmed(cut: list[Piece], how: Settings) -> tuple[Whole, list[Doubt]]:
         "scale, frame rate or tilt"
     )
     doubt = Doubt("curvature", said, (bend, sigma, how.gravity))
-    return [flights_in(piece, replace(how, gravity=bend, gravity_sigma=sigma)) for piece in cut], [doubt]
+    seen = replace(how, gravity=bend, gravity_sigma=sigma, fitted=True)
+    return [flights_in(piece, seen) for piece in cut], [doubt]
 
 
 def others(whole: Whole, how: Settings) -> list[float]:

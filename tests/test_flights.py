@@ -1,0 +1,198 @@
+"""The record as one motion: rest, throws, bounces, a wrong scale, noise that nobody states; truths in closed form."""
+
+import math
+import time
+import warnings
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import later
+
+import jumpvision as jv
+from jumpvision.estimate.flight import in_flight, restitution, track_flights
+
+G = 9.81
+
+
+def throw(rate, up=0.4, speed=1.3, span=1.0):
+    """Rest, one throw at `up` s and back: t, h, landing."""
+    t, down = np.arange(0.0, span, 1.0 / rate), up + 2.0 * speed / G
+    return t, np.where((t > up) & (t < down), 0.5 * G * (t - up) * (down - t), 0.0), down
+
+
+def bounces(rate, e=0.85, fall=0.3, n=8):
+    """A ball let go at 0.1 s and the edges of its n bounces, impacts shorter than a sample; then it lies still."""
+    edges, v = [0.1 + math.sqrt(2.0 * fall / G)], math.sqrt(2.0 * fall * G)
+    for _ in range(n):
+        v *= e
+        edges.append(edges[-1] + 2.0 * v / G)
+    t, at = np.arange(0.0, edges[-1] + 0.3, 1.0 / rate), np.array(edges)
+    h = np.where(t < 0.1, fall, np.where(t < at[0], fall - 0.5 * G * (t - 0.1) ** 2, 0.0))
+    for a, b in pairwise(at):
+        h = np.where((t >= a) & (t < b), 0.5 * G * (t - a) * (b - t), h)
+    return t, h, at
+
+
+def coloured(rng, n, rho=0.7):
+    out = rng.normal(size=n)
+    for i in range(1, n):
+        out[i] = rho * out[i - 1] + math.sqrt(1.0 - rho**2) * out[i]
+    return out
+
+
+def found(t, h, sigma, **more):
+    return track_flights(t, h, sigma, **({"gravity": G, "shortest": 0.0, "max_gap": 0.05} | more))
+
+
+@pytest.mark.parametrize(
+    ("rate", "noise"), [(500, 5e-5), (1000, 2e-4), *later((240, 2e-4), (1000, 5e-5), (4000, 5e-4))]
+)
+def test_a_rod_at_rest_does_not_fly(rate, noise):
+    rng, t = np.random.default_rng(1), np.arange(0.0, 1.0, 1.0 / rate)
+    sigma = np.full(t.size, noise)
+    for k in range(40):
+        h = noise * (rng.normal(size=t.size) if k % 2 else coloured(rng, t.size))
+        assert len(found(t, h, sigma if k % 4 < 2 else None)) == 0
+
+
+@pytest.mark.parametrize("rate", [240, 500, *later(1000, 4000)])
+def test_one_throw_is_one_flight_timed_within_its_sigma(rate):
+    rng, z = np.random.default_rng(12), []
+    for _ in range(60):
+        up = rng.uniform(0.3, 0.5)
+        t, h, down = throw(rate, up)
+        f = found(t, h + rng.normal(0.0, 5e-5, t.size), np.full(t.size, 5e-5))
+        assert len(f) == 1
+        assert abs(f.time[0] - (down - up)) < 0.5 / rate
+        z.append([(f.lift_off[0] - up) / f.lift_off_sigma[0], (f.time[0] - (down - up)) / f.time_sigma[0]])
+    # 60 draws: 0.683 +- 3 * 0.06, a mean of 3 / sqrt(60)
+    assert np.all(np.abs(np.mean(np.abs(z) < 1.0, axis=0) - 0.683) < 0.18)
+    assert np.all(np.abs(np.mean(z, axis=0)) < 0.39)
+
+
+def test_correlated_noise_widens_what_is_said():
+    rng, z = np.random.default_rng(3), []
+    t, h, down = throw(1000)
+    for _ in range(40):
+        f = found(t, h + 5e-5 * coloured(rng, t.size), np.full(t.size, 5e-5))
+        z.append((f.time[0] - (down - 0.4)) / f.time_sigma[0])
+    assert abs(np.mean(np.abs(z) < 1.0) - 0.683) < 0.22  # without the correlation 0.3
+
+
+def test_a_ball_bounces_as_often_as_it_does_and_its_restitution_covers():
+    rng, z = np.random.default_rng(4), []
+    for k in range(20):
+        t, h, edges = bounces(float(rng.choice([240.0, 500.0, 1000.0])))
+        f = found(t, h + rng.normal(0.0, 5e-5, t.size), None if k % 2 else np.full(t.size, 5e-5))
+        assert len(f) == 9
+        assert f.kinds[0] == ("release", "impact") and f.kinds[-1] == ("impact", "rest")
+        assert f.time[1:] == pytest.approx(np.diff(edges), abs=1e-3)
+        e = restitution(f.only(np.arange(9) > 0), after=0.0)
+        z.append((e.value - 0.85) / e.sigma)
+    assert np.mean(np.abs(z) < 1.0) > 0.683 - 0.32  # 20 draws: 3 * 0.104
+    assert abs(np.mean(z)) < 0.7
+
+
+def test_bounces_that_last_less_than_a_sample_are_timed_on_their_common_ground():
+    rng, t, last = np.random.default_rng(5), np.arange(0.0, 3.0, 1 / 240), 0.003
+    h, at, v, e = np.zeros(t.size), 0.2, 2.0, 0.8
+    true = []
+    for _ in range(6):
+        span = 2.0 * v / G
+        inside = (t >= at) & (t < at + span)
+        h[inside] = (0.5 * G * (t - at) * (at + span - t))[inside]
+        down = (t >= at + span) & (t < at + span + last)  # half a swing that keeps e of the speed
+        tau = (t - at - span)[down] / last
+        h[down] = -v * last / math.pi * e**tau * np.sin(math.pi * tau)
+        true.append(span)
+        at, v = at + span + last, v * e
+    f = found(t, h + rng.normal(0.0, 5e-5, t.size), np.full(t.size, 5e-5))
+    assert len(f) == 6
+    assert f.time == pytest.approx(true, abs=1e-3)  # crossings of the parabolas are 3 ms too long
+
+
+@pytest.mark.parametrize(("scale", "told"), [(1.2, True), (0.95, True), (1.0, False)])
+def test_a_wrong_scale_is_said_with_its_curvature(scale, told):
+    rng = np.random.default_rng(6)
+    t, h, down = throw(500)
+    f = found(t, scale * h + rng.normal(0.0, 5e-5, t.size), np.full(t.size, 5e-5))
+    assert len(f) == 1 and f.time[0] == pytest.approx(down - 0.4, abs=1e-3)
+    assert [d.kind for d in f.doubts] == ["curvature"] * told
+    if told:
+        bend, sigma, gravity = f.doubts[0].values
+        assert gravity == G and abs(bend - scale * G) < 4.0 * sigma
+        assert f"not {G:g}: scale, frame rate or tilt" in f.doubts[0].message
+
+
+def test_a_sigma_that_the_track_contradicts_is_widened_and_said():
+    rng = np.random.default_rng(7)
+    t, h, _ = throw(500)
+    track = h + rng.normal(0.0, 2e-4, t.size)
+    f, right = found(t, track, np.full(t.size, 5e-5)), found(t, track, np.full(t.size, 2e-4))
+    assert [d.kind for d in f.doubts] == ["noise"] and not right.doubts
+    assert f.time_sigma[0] == pytest.approx(right.time_sigma[0], rel=0.15)
+
+
+def test_a_swing_that_stays_on_its_spring_does_not_fly():
+    rng, t = np.random.default_rng(8), np.arange(0.0, 1.0, 1e-3)
+    w = 2.0 * math.pi * 11.0
+    h = 0.9 * G / w**2 * np.cos(w * t) * np.exp(-0.5 * t)  # its greatest acceleration is 0.9 g
+    assert len(found(t, h + rng.normal(0.0, 5e-5, t.size), np.full(t.size, 5e-5))) == 0
+
+
+def test_stretches_of_flight_are_those_of_the_flights():
+    rng = np.random.default_rng(9)
+    t, h, down = throw(500)
+    ((i, j),) = in_flight(t, h + rng.normal(0.0, 5e-5, t.size), np.full(t.size, 5e-5), gravity=G)
+    assert t[i] == pytest.approx(0.4, abs=0.004) and t[j - 1] == pytest.approx(down, abs=0.004)
+
+
+def test_flights_of_a_table_of_arrays_and_what_they_refuse():
+    rng = np.random.default_rng(10)
+    t, h, edges = bounces(500.0)
+    track = h + rng.normal(0.0, 5e-5, t.size)
+    table = jv.flights(pd.DataFrame({"time_s": t, "height_m": track, "sigma_m": 5e-5}))
+    pd.testing.assert_frame_equal(table, jv.flights(t, track, 5e-5))
+    assert table.height_m.to_numpy()[1:] == pytest.approx(G * np.diff(edges) ** 2 / 8.0, abs=1e-3)
+    assert np.all(np.abs(table.curvature_m_s2 + G) < 5.0 * table.curvature_sigma_m_s2)
+    assert table.attrs["restitution"][0] == pytest.approx(0.85, abs=0.01)
+    with pytest.warns(UserWarning, match="scale, frame rate or tilt"):
+        jv.flights(t, 1.2 * track)
+    with pytest.raises(ValueError, match="no column time_s"):
+        jv.flights(pd.DataFrame({"height_m": h}))
+    with pytest.raises(ValueError, match="must increase"):
+        jv.flights(t[::-1], h)
+    with pytest.raises(ValueError, match="must be > 0"):
+        jv.flights(t, h, 0.0)
+
+
+def test_time_grows_with_the_records_length():
+    rng, took = np.random.default_rng(11), []
+    for n in (20_000, 80_000):
+        t = np.arange(n) / 1000.0
+        phase = t % 1.0
+        h = np.where((phase > 0.3) & (phase < 0.6), 0.5 * G * (phase - 0.3) * (0.6 - phase), 0.0)
+        track = h + rng.normal(0.0, 5e-5, n)
+        began = time.process_time()
+        assert len(found(t, track, np.full(n, 5e-5))) == n // 1000
+        took.append(time.process_time() - began)
+    assert took[1] < 8.0 * took[0]  # four times as long; a square law takes 16 times
+
+
+def test_real_balls_fall_as_they_should(real_data):
+    """A bowling ball has next to no drag; whatever flies, flies within its record and at no more than gravity."""
+    from benchmarks.diagnosis_real import drops
+
+    every = drops(real_data / "desilva_ball_drops")
+    for name, tracks in every.items():
+        for t, h in tracks:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                table = jv.flights(t, h)
+            bend = -table.curvature_m_s2
+            assert len(table) <= 2 and np.all(bend < G + 4.0 * table.curvature_sigma_m_s2), name
+    t, h = every["Bowling Ball"][0]
+    whole = jv.flights(t, h)
+    assert len(whole) == 1 and whole.begins[0] == whole.ends[0] == "outside"
