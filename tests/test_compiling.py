@@ -6,6 +6,7 @@ import importlib.util
 import json
 import subprocess
 import sys
+from functools import partial
 
 import pytest
 from conftest import SAMPLES
@@ -52,20 +53,22 @@ def in_worker(file):
     return threads.threads() and loaded(file)(2)
 
 
-def shown():
-    print("compiling", flush=True)
+def write_down(file):
+    with file.open("a") as out:
+        out.write("compiling\n")
 
 
-def test_of_many_processes_one_tells(tmp_path, capfd):
+def test_of_many_processes_one_tells(tmp_path):
+    told = tmp_path / "told.txt"
     files = [tmp_path / f"kernel_{k}.py" for k in range(4)]
     token = WORKERS.set(2)
     try:
-        with compiling.noticed(shown):
+        with compiling.noticed(partial(write_down, told)):
             assert list(in_parts(in_worker, files)) == [4] * 4
             assert loaded(tmp_path / "kernel_here.py")(1) == 2
     finally:
         WORKERS.reset(token)
-    assert capfd.readouterr().out == "compiling\n"
+    assert told.read_text() == "compiling\n"
 
 
 def test_a_second_run_on_sand_does_not_speak_of_compiling(tmp_path, capsys):
