@@ -12,7 +12,7 @@ import pytest
 from conftest import SAMPLES
 
 from jumpvision.base import compiling, threads
-from jumpvision.base.progress import WORKERS, in_parts
+from jumpvision.base.progress import WORKERS, in_parts, setting
 from jumpvision.cli import main
 
 KERNEL = "from numba import njit\n\n@njit(cache={cache})\ndef double(x):\n    return 2 * x\n"
@@ -61,13 +61,9 @@ def write_down(file):
 def test_of_many_processes_one_tells(tmp_path):
     told = tmp_path / "told.txt"
     files = [tmp_path / f"kernel_{k}.py" for k in range(4)]
-    token = WORKERS.set(2)
-    try:
-        with compiling.noticed(partial(write_down, told)):
-            assert list(in_parts(in_worker, files)) == [4] * 4
-            assert loaded(tmp_path / "kernel_here.py")(1) == 2
-    finally:
-        WORKERS.reset(token)
+    with setting(WORKERS, 2), compiling.noticed(partial(write_down, told)):
+        assert list(in_parts(in_worker, files)) == [4] * 4
+        assert loaded(tmp_path / "kernel_here.py")(1) == 2
     assert told.read_text() == "compiling\n"
 
 

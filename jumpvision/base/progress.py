@@ -5,6 +5,7 @@ The core iterates through `watch`, whoever shows it sets the hook; nothing is pr
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
 import sys
@@ -20,6 +21,16 @@ from . import compiling
 T = TypeVar("T")
 Hook = Callable[[str, int, int | None], None]  # (what, done, total)
 HOOK: ContextVar[Hook | None] = ContextVar("progress_hook", default=None)
+
+
+@contextlib.contextmanager
+def setting(variable: ContextVar[T], value: T) -> Iterator[None]:
+    """Within, a context variable has this value."""
+    token = variable.set(value)
+    try:
+        yield
+    finally:
+        variable.reset(token)
 
 
 def watch(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:

@@ -11,7 +11,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
-from jumpvision.base.progress import HOOK
+from jumpvision.base.progress import HOOK, setting
 from jumpvision.base.record import plain
 from jumpvision.base.schema import harmless
 
@@ -88,12 +88,8 @@ class Progress:
 @contextlib.contextmanager
 def progress() -> Iterator[None]:
     """Within, long work of one thing is shown."""
-    with Progress(1) as shown:
-        token = HOOK.set(shown.frames)
-        try:
-            yield
-        finally:
-            HOOK.reset(token)
+    with Progress(1) as shown, setting(HOOK, shown.frames):
+        yield
 
 
 def written(

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
-from jumpvision.base.progress import HOOK, SHARE, WORKERS, Hook, Shared
+from jumpvision.base.progress import HOOK, SHARE, WORKERS, Hook, Shared, setting
 from jumpvision.base.record import Record, plain
 from jumpvision.base.schema import InputError, Toml, closest
 from jumpvision.base.storage import sweep_leftovers
@@ -218,23 +218,15 @@ def run_share(experiment: Experiment, plan: Plan, stage: str, share: tuple[int, 
     workspace = Workspace(experiment, plan.results, plan.cache, verify=plan.verify, fresh=plan.fresh)
     if why := workspace.missing(output):
         raise InputError([f"{experiment.path}: {why}"])
-    tokens = SHARE.set(share), WORKERS.set(workers)
-    try:
-        workspace.make(output)
-    except Shared as e:
-        return bool(e.args)
-    finally:
-        SHARE.reset(tokens[0])
-        WORKERS.reset(tokens[1])
+    with setting(SHARE, share), setting(WORKERS, workers):
+        try:
+            workspace.make(output)
+        except Shared as e:
+            return bool(e.args)
     return False
 
 
 def run_single(experiment: Experiment, plan: Plan, *, workers: int, hook: Hook | None) -> Outcome:
     """One experiment, its files in the results folder itself, with progress; `workers` share a long film."""
-    token, share = HOOK.set(hook), WORKERS.set(workers)
-    try:
-        with no_leftovers(plan):
-            return run_experiment(experiment, plan, plan.results)
-    finally:
-        HOOK.reset(token)
-        WORKERS.reset(share)
+    with setting(HOOK, hook), setting(WORKERS, workers), no_leftovers(plan):
+        return run_experiment(experiment, plan, plan.results)

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from jumpvision.base.progress import KEEPER, Shared
+from jumpvision.base.progress import KEEPER, Shared, setting
 from jumpvision.base.record import Record
 from jumpvision.base.schema import InputError, read
 from jumpvision.base.storage import (
@@ -267,8 +267,7 @@ class Workspace:
         # to look at more than 16 files before each part is kept would take long
         check = functools.partial(self._read_what_was_hashed, made, 16)
         parts = entries.Parts(self.cache, made.name, key, made.version, check=check, fresh=self.fresh)
-        token = KEEPER.set(parts)
-        with warnings.catch_warnings(record=True) as caught:
+        with setting(KEEPER, parts), warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", StageWarning)
             try:
                 record = made.called_with(arguments)
@@ -282,8 +281,6 @@ class Workspace:
             except Exception as e:
                 e.add_note(f"in stage '{made.name}' of {self.experiment.path}")
                 raise
-            finally:
-                KEEPER.reset(token)
         # a picture reads the film that its stage has read: its warnings are known
         notes = [str(w.message) for w in caught if issubclass(w.category, StageWarning) and not made.picture]
         for w in caught:

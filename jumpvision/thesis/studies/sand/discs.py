@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from jumpvision.base.progress import WORKERS, in_parts
+from jumpvision.base.progress import WORKERS, in_parts, setting
 from jumpvision.base.record import plain
 from jumpvision.base.schema import InputError, param, read
 from jumpvision.base.storage import write_aside
@@ -178,11 +178,8 @@ def measured(runs: Sequence[xr.Dataset]) -> DiscNumbers:
 def run_beds(bed: DiscBed, beds: int, seed: int, workers: int) -> list[xr.Dataset]:
     """The beds of the seeds seed, seed + 1 ..., one a process."""
     laid(bed, seed)  # what does not fit is said before processes start
-    token = WORKERS.set(workers)
-    try:
+    with setting(WORKERS, workers):
         return list(in_parts(pushed, range(seed, seed + beds), bed))
-    finally:
-        WORKERS.reset(token)
 
 
 def write_discs(runs: Sequence[xr.Dataset], bed: DiscBed, folder: Path, command: str) -> list[Path]:
