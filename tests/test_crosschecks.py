@@ -119,11 +119,14 @@ def test_check_and_run_say_the_same(campaign, tmp_path, capsys):
     assert said[0] == said[1] and "single-6.5Hz-1" in said[0] and 'up = "+y"' in said[0]
 
 
-def test_a_copied_experiment_is_told(campaign):
+def test_a_copied_experiment_is_told(campaign, tmp_path, capsys):
     assert list(repeated(open_folder(campaign).experiments)) == []
     shutil.copytree(campaign / "single-6.5Hz-1", campaign / "copy")
     (doubt,) = repeated(open_folder(campaign).experiments)
     assert "copy and single-6.5Hz-1" in str(doubt) and doubt.recording == "rod_track"
+    for command in ("check", "bed"):
+        main([command, str(campaign), "--results", str(tmp_path / "r"), "--no-pictures"])
+        assert f"warning: {doubt}" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

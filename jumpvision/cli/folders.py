@@ -78,6 +78,8 @@ def work(
     )
     if isinstance(opened, Campaign) and (options.workers or cores()) > 1 and not profile and not plan.cache.exists():
         prepare(plan)
+    if isinstance(opened, Campaign):
+        _say_repeated(opened)
     elsewhere = _hand_over(opened, plan, profile, options, pipeline) if profile else None
     total = 1 if isinstance(opened, Experiment) else len(opened.experiments)
     with terminal.Progress(total, as_json=options.json) as progress, noticed(terminal.compiling):
@@ -105,6 +107,16 @@ def _say_left_out(path: Path) -> None:
         terminal.line(
             f"left out: {', '.join(others)}: folders of experiments below {path}; name them one by one, or run"
         )
+
+
+def _say_repeated(campaign: Campaign) -> None:
+    """Names experiments with one and the same recording."""
+    from jumpvision.experiment.stages.crosschecks import repeated
+
+    from . import terminal
+
+    for doubt in repeated(campaign.experiments):
+        terminal.line(f"warning: {doubt}")
 
 
 def show(done: Run, options: Options, *, page: bool = False) -> int:
@@ -283,6 +295,7 @@ def check(path: Path, /, *, options: Options = OPTIONS) -> int:
     from jumpvision.base.schema import InputError
     from jumpvision.experiment.inputs.experiment import exact_scales
     from jumpvision.experiment.stages.bed.geometry import check_geometry
+    from jumpvision.experiment.stages.crosschecks import repeated
     from jumpvision.experiment.stages.preflight import preflight
 
     before = {e.name: preflight(e) for e in campaign.experiments}
@@ -292,7 +305,8 @@ def check(path: Path, /, *, options: Options = OPTIONS) -> int:
             terminal.line(f"warning: {text}")
         raise InputError(problems)
     found = {e.name: check_geometry(e) for e in campaign.experiments}
-    notes = [*odd, *(f"{n}: {text}" for n, (_, texts) in found.items() for text in texts)]
+    twice = map(str, repeated(campaign.experiments))
+    notes = [*odd, *(f"{n}: {text}" for n, (_, texts) in found.items() for text in texts), *twice]
     numbers = {n: values for n, (values, _) in found.items() if values is not None}
     exact = [text for text in (exact_scales(campaign.experiments),) if text]
     data = {

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
 
-
 FINEST = 1e-150  # m: the square of a smaller sigma, of a record without any scatter, is no number
 
 

@@ -76,15 +76,17 @@ class Sprung:
         return well(self.chi2, dof)
 
 
-def departure(tau: Array, w: Array | float, lag: float) -> tuple[Array, Array]:
-    """(per m/s of speed down at the edge [s], per m/s^2 of gravity [s^2]): how far the spring holds the body above the
-    parabola, tau >= 0 [s] after the edge. x'' = -g - w^2 (x + lag x') from x = 0; w [rad/s], lag = c/k [s]."""
+def departure(tau: Array, w: Array | float, lag: float) -> tuple[Array, Array, Array]:
+    """(per m/s of speed down at the edge [s], per m/s^2 of gravity [s^2], rate of the first): how far the spring holds
+    the body above the parabola, tau >= 0 [s] after the edge. x'' = -g - w^2 (x + lag x') from x = 0; w [rad/s], lag =
+    c/k [s]. The rate of the second is the first."""
     gamma = 0.5 * w * w * lag
     inner = w * w - gamma * gamma
     wd = np.sqrt(np.maximum(inner, 1e-6 * w * w))
     fall = np.exp(-np.clip(gamma * tau, -50.0, 50.0))
     sine, cosine = fall * np.sin(wd * tau) / wd, fall * np.cos(wd * tau)
-    return np.asarray(tau - sine), np.asarray(0.5 * tau**2 - (1.0 - cosine - gamma * sine) / (w * w))
+    fallen = 0.5 * tau**2 - (1.0 - cosine - gamma * sine) / (w * w)
+    return np.asarray(tau - sine), np.asarray(fallen), np.asarray(1.0 - cosine + gamma * sine)
 
 
 def sprung(
@@ -134,20 +136,27 @@ def _fitted(
     base = piece.y + 0.5 * gravity * tau * tau
 
     def beyond(edge: float, side: int, w: float) -> tuple[Array, Array, Array]:
-        away = np.maximum(side * (tau - edge), 0.0)
-        speed, fall = departure(away, w, side * lag)
-        return away, speed, fall
+        return departure(np.maximum(side * (tau - edge), 0.0), w, side * lag)
 
-    def design(where: Array, w: Array) -> tuple[Array, Array]:
-        """(columns of the linear numbers, what depends on none of them)."""
-        a, rest = linear.copy(), np.zeros(n)
-        for edge, side, stiff in zip(where, edges, w):
-            _, speed, fall = beyond(edge, side, stiff)  # speed down beyond the edge: -side (slope - g edge)
-            a[:, 1] -= side * speed
-            rest += side * gravity * edge * speed + gravity * fall
-            if free_gravity:
-                a[:, 2] += gravity_sigma * (side * edge * speed + fall)
-        return a, rest
+    asked: dict[bytes, tuple[list[tuple[Array, Array, Array]], Array, Array]] = {}
+
+    def design(q: Array) -> tuple[list[tuple[Array, Array, Array]], Array, Array]:
+        """(departures at the edges, columns of the linear numbers, what depends on none of them); the last is kept: it
+        is asked for the residual and for its slopes."""
+        nonlinear = q[many:]
+        key = nonlinear.tobytes()
+        if key not in asked:
+            where, w = nonlinear[: len(edges)], np.exp(np.clip(nonlinear[len(edges) :], -9.0, 9.0))
+            away = [beyond(edge, side, stiff) for edge, side, stiff in zip(where, edges, w)]
+            a, rest = linear.copy(), np.zeros(n)
+            for edge, side, (speed, fall, _) in zip(where, edges, away):
+                a[:, 1] -= side * speed  # speed down beyond the edge: -side (slope - g edge)
+                rest += side * gravity * edge * speed + gravity * fall
+                if free_gravity:
+                    a[:, 2] += gravity_sigma * (side * edge * speed + fall)
+            asked.clear()
+            asked[key] = away, a, rest
+        return asked[key]
 
     start = _start(piece, linear, base, edges, np.array([first, last]) - origin, gravity)
     if start is None:
@@ -156,29 +165,20 @@ def _fitted(
     prior = np.eye(many)[2:3] if free_gravity else np.zeros((0, many))
 
     def residual(q: Array) -> Array:
-        a, rest = design(q[many : many + len(edges)], np.exp(np.clip(q[many + len(edges) :], -9.0, 9.0)))
-        r = piece.white(base - rest - a @ q[:many])
-        return np.concatenate([r, -prior @ q[:many]])
+        _, a, rest = design(q)
+        return np.concatenate([piece.white(base - rest - a @ q[:many]), -prior @ q[:many]])
 
     def jacobian(q: Array) -> Array:
+        away, a, _ = design(q)
         e, w = q[many : many + len(edges)], np.exp(np.clip(q[many + len(edges) :], -9.0, 9.0))
-        a, _ = design(e, w)
-        slope = q[1]
         g = gravity + (gravity_sigma * q[2] if free_gravity else 0.0)
-        more = []
-        for edge, side, stiff in zip(e, edges, w):
-            h = 1e-6 * span
-            away, speed, fall = beyond(edge, side, stiff)
-            _, s2, f2 = beyond(edge - side * h, side, stiff)
-            down = -side * (slope - g * edge)
-            live = away > 0.0
-            more.append(live * (-side * (down * (s2 - speed) + g * (f2 - fall)) / h + side * g * speed))
-        for edge, side, stiff in zip(e, edges, w):
-            _, speed, fall = beyond(edge, side, stiff)
-            _, s2, f2 = beyond(edge, side, stiff * (1.0 + 1e-5))
-            down = -side * (slope - g * edge)
-            more.append((down * (s2 - speed) + g * (f2 - fall)) / 1e-5)
-        out = -piece.white(np.concatenate([a, np.stack(more, axis=1)], axis=1))
+        by_place, by_stiffness = [], []
+        for edge, side, stiff, (speed, fall, rate) in zip(e, edges, w, away):
+            down = -side * (q[1] - g * edge)
+            by_place.append(-side * (down * rate + g * speed) + side * g * speed)
+            stiffer = beyond(edge, side, stiff * (1.0 + 1e-5))
+            by_stiffness.append((down * (stiffer[0] - speed) + g * (stiffer[1] - fall)) / 1e-5)
+        out = -piece.white(np.concatenate([a, np.stack(by_place + by_stiffness, axis=1)], axis=1))
         return np.vstack([out, -np.hstack([prior, np.zeros((len(prior), 2 * len(edges)))])])
 
     noise = float(np.median(piece.sigma))
@@ -214,7 +214,7 @@ def _start(
         use = use[:: max(1, use.size // MOST)]
         places = end - side * span * np.linspace(-0.06, 0.4, PLACES)
         edge, w = (a.ravel()[:, None] for a in np.meshgrid(places, np.array(STIFFNESS), indexing="ij"))
-        speed, fall = departure(np.maximum(side * (tau[use] - edge), 0.0), w, 0.0)
+        speed, fall, _ = departure(np.maximum(side * (tau[use] - edge), 0.0), w, 0.0)
         columns = np.broadcast_to(linear[use, :2], (*speed.shape, 2)).copy()
         columns[..., 1] -= side * speed
         y = (base[use] - side * gravity * edge * speed - gravity * fall) / piece.sigma[use]

@@ -143,6 +143,15 @@ def in_flight(t: Array, h: Array, sigma: Array, *, gravity: float) -> list[tuple
     return [(int(np.searchsorted(t, a)), int(np.searchsorted(t, b)) + 1) for a, b in at]
 
 
+def stretches(t: Array, h: Array, sigma: Array, *, gravity: float) -> list[tuple[float, float]]:
+    """(begin, end) [s] of every stretch of curvature -gravity, to a sample: as `in_flight`, without asking how it ends,
+    so that a swing of a spring may pass for one; a fifth of the work."""
+    (piece,), _ = with_noise([Piece(t, h, sigma)], gravity, stated=True)
+    m = motion(piece, gravity)
+    flying = [p for p in m.parts if p.kind == FLIGHT and -curvature(m.piece, p.i, p.j)[0] > 0.5 * gravity]
+    return [(float(m.piece.t[p.i]), float(m.piece.t[p.j - 1])) for p in flying]
+
+
 def pieces(t: Array, max_gap: float) -> Iterator[tuple[int, int]]:
     """(first, one past the last) sample of every stretch without a longer gap [s]."""
     cuts = [0, *(np.flatnonzero(np.diff(t) > max_gap) + 1).tolist(), t.size]

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import Doubt
 from jumpvision.base.storage import sha256
-from jumpvision.estimate.flight import Flights, contact_flights, flight_height, in_flight
+from jumpvision.estimate.flight import Flights, contact_flights, flight_height
 from jumpvision.estimate.flight.flights import flights_of
-from jumpvision.estimate.flight.track import noise_of, pieces
+from jumpvision.estimate.flight.track import noise_of, pieces, stretches
 from jumpvision.experiment.inputs.experiment import Experiment
 from jumpvision.experiment.inputs.sections import (
     Actuation,
@@ -35,6 +35,7 @@ from .rod import commanded, position_at, total_mass
 FEWEST = 20  # samples of a recording
 SHORTEST = 0.03  # s: shorter flights of a track are not compared
 GAP = 0.05  # s without a sample of a track, over which a flight is not followed
+ENOUGH = 0.1  # share of the record in flight, from which it is not asked whether it is upside down
 DEBOUNCE = 0.005  # s of a switch
 AGREE = 5.0  # sigmas, and
 SHARE = 0.05  # of a flight's time, by which two flights may differ: a foot leaves later than its spring is slack
@@ -51,18 +52,24 @@ class Motion:
     sigma: Array | None
     gravity: float
 
+    @property
+    def span(self) -> float:
+        """What the record lasts [s]."""
+        return float(self.t[-1] - self.t[0])
+
     def flights(self, upside_down: bool = False) -> Flights:
         """Those that the track itself shows, to a sample."""
         good = np.isfinite(self.height) & np.isfinite(self.t)
         t, h = self.t[good], (-self.height if upside_down else self.height)[good]
         sigma = np.full(t.size, noise_of(h)) if self.sigma is None else self.sigma[good]
         step = float(np.median(np.diff(t)))
-        rows: list[tuple[float, ...]] = [
-            (t[a + i], step, t[a + j - 1], step)
-            for a, b in pieces(t, GAP)
-            for i, j in in_flight(t[a:b], h[a:b], sigma[a:b], gravity=self.gravity)
-            if i > 0 and j < b - a and t[a + j - 1] - t[a + i] > SHORTEST
-        ]
+        rows: list[tuple[float, ...]] = []
+        for a, b in pieces(t, GAP):
+            if b - a < FEWEST or np.ptp(h[a:b]) == 0.0:
+                continue
+            found = stretches(t[a:b], h[a:b], sigma[a:b], gravity=self.gravity)
+            inside = [(up, down) for up, down in found if t[a] < up and down < t[b - 1]]
+            rows += [(up, step, down, step) for up, down in inside if down - up > SHORTEST]
         return flights_of(rows)
 
 
@@ -120,8 +127,10 @@ def repeated(experiments: Iterable[Experiment]) -> Iterator[Doubt]:
 
 def upright(name: str, motion: Motion, found: Flights) -> Iterator[Doubt]:
     """In free flight a track that points up is accelerated by -g, one that points down by +g."""
-    fallen = motion.flights(upside_down=True)
-    up, down = _lasting(found), _lasting(fallen)
+    up = _lasting(found)
+    if up > ENOUGH * motion.span:
+        return
+    down = _lasting(motion.flights(upside_down=True))
     if down > SHORTEST and down > 2.0 * up:
         yield Doubt(
             "upside down",
