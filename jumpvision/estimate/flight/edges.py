@@ -87,7 +87,9 @@ def flight(motion: Motion, k: int, how: Settings, under: Ground | None = None) -
             freely = replace(how, gravity_sigma=FREE * how.gravity)
             fit = sprung(piece, (part.i, part.j), reach, gradual, freely) or fit
         line = fit.line
-        swing = len(gradual) == len(sides) and _swings(motion, part, reach, fit, POWER**2 if how.fitted else 0.0)
+        more = POWER**2 if how.fitted else 0.0
+        doubtful = len(gradual) == 2 or (how.fitted and len(gradual) == len(sides))
+        swing = doubtful and _swings(motion, part, reach, fit, more)
     cov = line.cov if fit is None else fit.cov
     covariances = {k: cov} | {b.name: b.line.cov for b in beside.values()}
     swing = swing or not all(pushed_up(motion, k, side) for side in gradual if fit is None or not fit.good)

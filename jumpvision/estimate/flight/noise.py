@@ -18,6 +18,7 @@ STRONGEST = 0.8  # correlation from sample to sample that is looked for
 RHOS = np.linspace(0.0, STRONGEST, 17)
 LONG, MOST = 12, 40_000  # samples of a stretch that tells noise; of all of them, at most
 QUARTILE = 0.31864  # lower quartile of the absolute value of a normal deviate
+LOOSE = 0.7  # of a stated sigma: a scatter far below it
 SURE = 3.0  # standard deviations by which the scatter must exceed what is stated
 RESTING = 40  # samples of rest that are believed more than all others
 LEARNED = 3  # rounds
@@ -33,10 +34,15 @@ class Noise:
     n: int = 0
 
     def of_stated(self) -> Noise:
-        """For a sigma that is stated: believed until the scatter contradicts it, never shrunk."""
+        """For a sigma that is stated: believed until the scatter contradicts it, never shrunk.
+
+        Where the record scatters far less, what is stated holds more than its noise, whose correlation then tells
+        nothing of it.
+        """
         spread = (1.0 + self.rho**2) / (1.0 - self.rho**2) / (2.0 * max(self.n, 1))
         sure = self.n and self.factor > 1.0 + SURE * math.sqrt(spread)
-        return Noise(self.factor if sure else 1.0, self.rho, self.n)
+        rho = self.rho if self.factor > LOOSE else 0.0
+        return Noise(self.factor if sure else 1.0, rho, self.n)
 
 
 def _bends(rho: Array | float, k: int) -> Array | float:
@@ -144,7 +150,7 @@ def _first(given: list[Piece], gravity: float, stated: bool) -> Noise:
         return Noise(1.0, 0.0)
     tried = guessed(np.concatenate([p.y / p.sigma for p in long]))
     if stated:
-        tried = [replace(n, factor=max(n.factor, 1.0)) for n in tried]
+        tried = [replace(n, factor=max(n.factor, 1.0)) for n in tried if n.factor > LOOSE or not n.rho]
     if len(tried) == 1:
         return tried[0]
 

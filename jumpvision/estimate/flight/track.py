@@ -172,24 +172,23 @@ def flights_in(piece: Piece, how: Settings) -> tuple[Motion, list[Flight]]:
     m = motion(piece, how.gravity)
     under = ground(m)
     flying = [flight(m, k, how, under) for k, part in enumerate(m.parts) if part.kind == FLIGHT]
-    return m, [f for f in flying if flies(f, how) and lasts(m.piece, f, how)]
+    return m, [f for f in flying if flies(m.piece, f, how) and duration(m.piece, f) >= how.shortest]
 
 
-def flies(f: Flight, how: Settings) -> bool:
+def flies(piece: Piece, f: Flight, how: Settings) -> bool:
     """Whether a curvature excludes none at all and agrees with gravity's, no swing explains it, and its ends are told
     better than its length."""
     bend, sigma = f.curvature
     near = NEAR * math.hypot(sigma, how.gravity_sigma) + LIKE * how.gravity
-    times = [e.time for e in f.edges if e]
-    vague = max((e.variance for e in f.edges if e), default=0.0)
-    if len(times) == 2 and not 0.0 < vague < (times[1] - times[0]) ** 2:
+    if any(e is not None and not 0.0 < e.variance < duration(piece, f) ** 2 for e in f.edges):
         return False
     return -bend > POWER * sigma and abs(bend + how.gravity) < near and not f.swing
 
 
-def lasts(piece: Piece, f: Flight, how: Settings) -> bool:
+def duration(piece: Piece, f: Flight) -> float:
+    """Time in flight [s], of one that the record cuts in the record."""
     begin, end = (e.time if e else at for e, at in zip(f.edges, (piece.t[f.i], piece.t[f.j - 1])))
-    return bool(end - begin >= how.shortest)
+    return float(end - begin)
 
 
 def collected(found: list[tuple[Motion, Flight]]) -> Flights:
