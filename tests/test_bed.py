@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from jumpvision.cli import main
+from jumpvision.films.vision.surface import bed_height, bed_surface
 from jumpvision.laboratory import write
 from jumpvision.laboratory.films.bed import bed_picture
 from jumpvision.laboratory.films.optics import record
@@ -146,3 +147,14 @@ def test_a_floor_is_needed_without_marks(tmp_path, capsys):
     assert main(["bed", str(tmp_path), "--results", str(tmp_path / "r")]) == 1
     assert "[bed_image] floor_row: missing" in capsys.readouterr().err
     assert not (tmp_path / "r" / "bed.json").exists()
+
+
+def test_a_picture_that_is_upside_down_is_refused():
+    """Its floor is then light, its top grains: 0.29 was measured of it for 0.25."""
+    y, x = np.mgrid[:200, :160]
+    rng = np.random.default_rng(7)
+    light = 30.0 + 170.0 / (1.0 + np.exp((y - 80.0 - 0.05 * x) / 1.2)) + rng.normal(0.0, 2.0, y.shape)
+    assert bed_height(bed_surface(light, floor_row=180.0, method="edge"), 180.0).n > 100
+    for method in ("edge", "threshold"):
+        with pytest.raises(ValueError, match="upside down"):
+            bed_surface(light[::-1], floor_row=180.0, method=method)

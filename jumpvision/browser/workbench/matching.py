@@ -19,6 +19,7 @@ from jumpvision.films.parameters import BedParams, PivParams
 from jumpvision.films.vision.piv.engine import best_prefilter
 from jumpvision.films.vision.piv.light import light_of
 from jumpvision.films.vision.piv.pair import MEASURED, REASONS
+from jumpvision.films.vision.saturation import saturation_of
 from jumpvision.films.vision.surface import bed_surface
 
 
@@ -80,7 +81,7 @@ class BedLine:
 
 def bed_line(image: BedImage, p: BedParams, picture: np.ndarray) -> BedLine:
     """The surface that the bed stage finds in this picture (rows, columns)."""
-    limit = image.saturation or (float(np.iinfo(picture.dtype).max) if picture.dtype.kind == "u" else None)
+    limit = saturation_of(picture, image.saturation)
     s = bed_surface(
         picture.astype(float) ** image.gamma,
         floor_row=image.floor_row,

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from jumpvision.base.parameters import of_keywords
 from jumpvision.base.schema import InputError
 from jumpvision.films.parameters import BedParams
+from jumpvision.films.vision.saturation import saturation_of
 from jumpvision.films.vision.surface import bed_height, bed_surface
 
 from .images import grey_images, only_numbers, scale_problem
@@ -27,7 +28,8 @@ def bed(
     """Height of a bed above its floor in a back-lit picture (H, W), or in each of several (n, H, W): a row a picture.
 
     floor_row: of the floor [px, down]. scale [m/px]: heights are in m with it, in px without. saturation: pixel value
-    of saturated light; default: the greatest of whole numbers. parameters: those of [params.bed] but the reference.
+    of saturated light; default: the greatest of whole numbers,
+    or where values pile up below it. parameters: those of [params.bed] but the reference.
 
     Columns: height, sigma, roughness (px or m, in their names), tilt_rad (positive where it rises to the right),
     columns: how many were used; NaN where fewer than 8 show a surface. Raises InputError for a parameter, ValueError
@@ -38,12 +40,12 @@ def bed(
     p = of_keywords(BedParams, parameters, folder=("reference_height", "reference_fraction"))
     given = pictures if np.ma.isMaskedArray(pictures) else np.asarray(pictures)
     images = only_numbers("bed", grey_images("bed", given[None] if given.ndim == 2 else given))
-    kind = images[0].dtype
-    limit = saturation or (float(np.iinfo(kind).max) if kind.kind == "u" else None)
     unit, size = ("px", 1.0) if scale is None else ("m", scale)
     rows = []
     for picture in images:
-        s = bed_surface(picture.astype(float), floor_row=floor_row, method=p.method, saturation=limit)
+        s = bed_surface(
+            picture.astype(float), floor_row=floor_row, method=p.method, saturation=saturation_of(picture, saturation)
+        )
         h = bed_height(s, floor_row)
         rows.append((h.height * size, h.sigma * size, h.roughness * size, h.tilt, h.n))
     return pd.DataFrame(rows, columns=[f"height_{unit}", f"sigma_{unit}", f"roughness_{unit}", "tilt_rad", "columns"])

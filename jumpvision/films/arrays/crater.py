@@ -14,6 +14,7 @@ from jumpvision.estimate.crater import line_crater
 from jumpvision.estimate.crater_map import map_crater
 from jumpvision.films.parameters import CraterParams
 from jumpvision.films.vision.laser_line import laser_line
+from jumpvision.films.vision.saturation import saturation_of
 
 
 def crater(
@@ -34,7 +35,7 @@ def crater(
         at = None if axis is None else (axis[0] * scale, -axis[1] * scale)
         found = map_crater(image.astype(float), scale, axis=at, radius=p.radius)
     else:
-        seen = laser_line(image, saturation=float(np.iinfo(image.dtype).max) if image.dtype.kind == "u" else None)
+        seen = laser_line(image, saturation=saturation_of(image))
         lost, rise = seen.flag != "", scale / math.sin(laser_angle)
         if lost.all():
             raise ValueError(f"crater: {seen.flag[0]}; a bright line on a darker bed is needed")

@@ -74,11 +74,25 @@ def bed_surface(image: ArrayLike, *, floor_row: float | None, method: str, satur
             raise ValueError(f"bed_surface: floor_row = {floor_row:g} must be in [{2 * REACH}, {grey.shape[0]}]")
         grey = grey[: math.floor(floor_row) + 1]
     grey = np.where(np.isfinite(grey), grey, np.nanmedian(grey))
+    if upside_down(grey):
+        raise ValueError(
+            "bed_surface: dark grains lie above the light in most columns: the picture is upside down; turn it, or cut off "
+            "what covers the light at its top"
+        )
     if method == "edge":
         return _edge(grey, saturation)
     if method == "threshold":
         return _threshold(grey)
     raise ValueError(f"bed_surface: method = {method!r} must be 'edge' or 'threshold'")
+
+
+def upside_down(grey: Array) -> bool:
+    """Whether a bed's picture (rows, columns), down to its floor, is darker at its top than at its bottom in most
+    columns, by a third of its range."""
+    band = max(grey.shape[0] // 8, 4)
+    brighter = np.median(grey[-band:], axis=0) - np.median(grey[:band], axis=0)
+    low, high = np.percentile(grey, (2.0, 98.0))
+    return bool(np.mean(brighter > (high - low) / 3.0) > 0.5)
 
 
 def bed_height(surface: Surface, floor_row: float) -> BedHeightPx:

@@ -19,6 +19,7 @@ from jumpvision.experiment.workflow.stage import StageWarning, stage
 from jumpvision.films.frames import open_frames
 from jumpvision.films.parameters import CraterParams
 from jumpvision.films.vision.laser_line import laser_line
+from jumpvision.films.vision.saturation import saturation_of
 
 from .height import packing, packing_common
 
@@ -69,9 +70,7 @@ def from_line(
     was seen. The one scale gives height and radius."""
     with open_pictures(section) as frames:
         view, picture = view_of(calibration, section, frames.shape), frames[0]
-    whole = picture.dtype.kind == "u"
-    limit = section.saturation or (float(np.iinfo(picture.dtype).max) if whole else None)
-    seen = laser_line(picture, saturation=limit)
+    seen = laser_line(picture, saturation=saturation_of(picture, section.saturation))
     lost = seen.flag != ""
     if lost.all():
         raise ValueError(f"{section.path}: {seen.flag[0]}; a bright line on a darker bed is needed")

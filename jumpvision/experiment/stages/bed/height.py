@@ -16,6 +16,7 @@ from jumpvision.experiment.workflow.stage import StageWarning, stage
 from jumpvision.films.calibration import EDGE_OF_BED
 from jumpvision.films.parameters import BedParams
 from jumpvision.films.vision.camera import Camera
+from jumpvision.films.vision.saturation import saturation_of
 from jumpvision.films.vision.surface import BedHeightPx, Surface, bed_height, bed_surface, volume_fraction
 
 
@@ -114,7 +115,7 @@ def surfaces_of(
                 f"[bed_image] floor_row = {image.floor_row:g}: outside the picture, whose rows are 0 to {rows - 1}"
             )
         for picture in frames:
-            limit = image.saturation or (float(np.iinfo(picture.dtype).max) if picture.dtype.kind == "u" else None)
+            limit = saturation_of(picture, image.saturation)
             s = bed_surface(
                 picture.astype(float) ** image.gamma,  # light, up to a factor
                 floor_row=image.floor_row,
