@@ -17,7 +17,7 @@ from jumpvision.cli import main
 from jumpvision.estimate.crater import critical_fraction, line_crater
 from jumpvision.estimate.crater_map import map_crater
 from jumpvision.experiment.inputs.sections import CraterDepth
-from jumpvision.experiment.stages.bed.crater import crater
+from jumpvision.experiment.stages.bed.crater import crater, read_map
 from jumpvision.films.parameters import CraterParams
 from jumpvision.laboratory import write
 from jumpvision.laboratory.films.bed import crater_profile, laser_picture
@@ -277,3 +277,25 @@ def test_fluidised_and_compacted_beds_are_told_apart(real_data, tmp_path):
     gap = dense.volume_m3.to_numpy()[:, None] - loose.volume_m3.to_numpy()
     assert (gap > 2 * np.hypot(dense.sigma_m3.to_numpy()[:, None], loose.sigma_m3.to_numpy())).all()
     assert (loose.depth_m > 5 * dense.depth_m.max()).all()
+
+
+@pytest.mark.parametrize("nothing", [0, 65535])
+def test_what_a_depth_camera_has_not_measured_is_no_depth(tmp_path, nothing):
+    """A hole of 9 x 9 in a map of distances in steps of 0.1 mm: the volume is that of the map without it."""
+    y, x = np.mgrid[-90:91, -90:91]
+    noise = np.random.default_rng(3).normal(0.0, 4.0, x.shape)
+    distance = np.rint(8000.0 + 250.0 * np.exp(-(x**2 + y**2) / (2 * 12.0**2)) + noise)
+    holed = distance.astype(np.uint16)
+    holed[96:105, 96:105] = nothing
+    for name, z in (("whole", distance.astype(np.uint16)), ("holed", holed)):
+        np.save(tmp_path / f"{name}.npy", z)
+    whole, seen = (read_map(CraterDepth(f"{n}.npy", tmp_path / f"{n}.npy")) for n in ("whole", "holed"))
+    assert np.isfinite(whole).all() and np.isnan(seen).sum() == 81
+    a, b = (map_crater(-1e-4 * z, 0.002, axis=None, radius=None) for z in (whole, seen))
+    own = (
+        81 * 0.002**2 * 0.25 * 25e-3
+    )  # m^3 of the crater that lies in the hole, a few % of which its rim does not tell
+    assert abs(b.volume - a.volume) < 0.1 * own
+    relative = (8250 - distance).clip(0, None).astype(np.uint16)  # a map that begins at 0: there it is a depth
+    np.save(tmp_path / "relative.npy", relative)
+    assert np.isfinite(read_map(CraterDepth("relative.npy", tmp_path / "relative.npy"))).all()

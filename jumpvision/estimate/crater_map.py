@@ -16,6 +16,7 @@ SMOOTH = 2.0  # px, over which the map is smoothed to see where it is disturbed
 SMALLEST = 40  # px, smaller disturbed patches are none: the smoothing alone makes noise hang together over 25
 SPIKE = 8.0  # noise widths beyond which a pixel against its neighbours is no surface
 RING = 1.6  # the plane is fitted between the crater's radius and this many of them
+RIM = 4  # px around a hole, from which it is filled
 NEAR = 2.0  # parts of the disturbed ground within this many radii of the largest one belong to the crater
 
 
@@ -32,6 +33,7 @@ def map_crater(
         raise ValueError(f"map_crater: height has shape {z.shape}; a map of at least 24 x 24 pixels is needed")
     if not pitch > 0.0:
         raise ValueError(f"map_crater: pitch = {pitch!r} must be > 0 m")
+    z, doubt, hole = _without_holes(z)
     z = _without_spikes(z)
     ny, nx = z.shape
     row, column = np.mgrid[:ny, :nx].astype(float)
@@ -73,7 +75,9 @@ def map_crater(
     cut = 0.0
     if radius is None:
         reach, cut = settled_radius(z, weights, rest, reach, room - 3.0)
-    level, sigma = levelled(reach), math.hypot(sum_sigma(weights(reach), rest(reach)), cut)
+    unknown = np.bincount(hole.ravel(), (weights(reach) * doubt).ravel())[1:]  # of each hole [m^3]
+    sigma = math.hypot(sum_sigma(weights(reach), rest(reach)), cut, *unknown)
+    level = levelled(reach)
     bins = np.arange(0.0, RING * reach, 1.0)
     which = np.digitize(r, bins) - 1
     keep = which < bins.size - 1
@@ -96,6 +100,31 @@ def map_crater(
         mean,
         scatter / np.sqrt(np.maximum(count, 1)),
     )
+
+
+def _without_holes(z: Array) -> tuple[Array, Array, NDArray[np.int32]]:
+    """(map with what is unknown filled smoothly from the rim (biharmonic), by how much a fill without any bend would
+    differ from it, number of the hole of each pixel, 0: none)."""
+    hole, count = scipy.ndimage.label(~np.isfinite(z))
+    doubt = np.zeros_like(z)
+    if not count or (count and not np.isfinite(z).any()):
+        return z, doubt, hole
+    from skimage.restoration import inpaint_biharmonic
+
+    out = z.copy()
+    for k, found in enumerate(scipy.ndimage.find_objects(hole), 1):
+        part = tuple(slice(max(s.start - RIM, 0), s.stop + RIM) for s in found)
+        rim, mine = z[part], hole[part] == k
+        level, size = float(np.nanmean(rim)), float(np.nanstd(rim)) or 1.0
+        known = np.isfinite(rim)
+        even = np.where(known, (rim - level) / size, 0.0)
+        at = np.argwhere(known)
+        flat = scipy.interpolate.griddata(at, rim[known], np.argwhere(mine), method="linear")
+        near = scipy.interpolate.griddata(at, rim[known], np.argwhere(mine), method="nearest")
+        smooth = level + size * inpaint_biharmonic(even, ~known)[mine]
+        out[part][mine] = smooth
+        doubt[part][mine] = smooth - np.where(np.isfinite(flat), flat, near)
+    return out, doubt, hole
 
 
 def _without_spikes(z: Array) -> Array:

@@ -76,8 +76,8 @@ def bed_surface(image: ArrayLike, *, floor_row: float | None, method: str, satur
     grey = np.where(np.isfinite(grey), grey, np.nanmedian(grey))
     if upside_down(grey):
         raise ValueError(
-            "bed_surface: dark grains lie above the light in most columns: the picture is upside down; turn it, or cut off "
-            "what covers the light at its top"
+            "bed_surface: dark grains lie above the light in most columns: the picture is upside down; turn it, or cut "
+            "off what covers the light at its top"
         )
     if method == "edge":
         return _edge(grey, saturation)

@@ -7,6 +7,7 @@ import warnings
 import zipfile
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import Doubt
@@ -106,6 +107,7 @@ def from_map(section: CraterDepth, p: CraterParams) -> tuple[Crater, float, None
     return map_crater(z, scale, axis=axis, radius=p.radius), 2.0 * section.scale_sigma / scale, None
 
 
+APART = 1.0  # ranges of what is measured, by which what is not lies outside
 LARGEST = 10**9  # bytes of an unpacked .npz
 
 
@@ -114,7 +116,7 @@ def read_map(section: CraterDepth) -> Array:
     path = section.path
     if path.suffix.lower() not in (".npy", ".npz"):
         with open_frames(path, frame_rate=1.0) as film:
-            return film[0].astype(float)
+            return measured_only(film[0])
     try:
         if path.suffix.lower() == ".npz":
             with zipfile.ZipFile(path) as packed:
@@ -129,4 +131,17 @@ def read_map(section: CraterDepth) -> Array:
         ) from None
     if len(maps) != 1 or maps[0].ndim != 2 or maps[0].dtype.kind not in "fiu":
         raise ValueError(f"{path}: needs exactly one 2-D array of numbers; found {len(maps)}; save the map alone")
-    return np.asarray(maps[0], dtype=float)
+    return measured_only(maps[0])
+
+
+def measured_only(stored: NDArray[np.generic]) -> Array:
+    """A depth map as decimals, NaN where a depth camera has measured nothing: it stores 0, or the greatest number, far
+    from all that it has measured. A map of decimals is as it is."""
+    z = np.asarray(stored, dtype=float)
+    if stored.dtype.kind != "u":
+        return z
+    for nothing in (0.0, float(2 ** (8 * stored.dtype.itemsize) - 1)):
+        others = z[np.isfinite(z) & (z != nothing)]
+        if others.size and np.abs(others - nothing).min() > APART * np.ptp(others):
+            z[z == nothing] = np.nan
+    return z
