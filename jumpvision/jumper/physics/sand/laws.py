@@ -5,9 +5,8 @@ The integrator itself is compiled once for all models and names no mechanism; a 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from jumpvision.engine.laws.compiled import Module, Routine, module
 from jumpvision.engine.laws.derivative import derivative, kinks
@@ -61,7 +60,7 @@ class Laws:
     ages: bool
 
 
-_compiled_laws: dict[Any, Laws] = {}
+_compiled_laws: dict[tuple[bool, tuple[Hashable, ...]], Laws] = {}
 
 
 def laws_of(mechanisms: Sequence[Mechanism], sand: bool) -> Laws:

@@ -14,8 +14,8 @@ packed model (`granular.CONSTANTS`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -54,6 +54,7 @@ from .granular import (
 )
 from .kernel import OPTIONS, inlined, kernel, kernel_of, number
 from .modes import depth, grip, guards, limit, room, settle, squeeze
+from .packed import Packed
 from .step import (
     BOW,
     END,
@@ -86,6 +87,10 @@ OK, TOO_MANY_EVENTS, STEP_TOO_SMALL, CANNOT_CARRY = 0, 1, 2, 3
 NONE, UNRESOLVED = -1, -2  # of an event in a step: look again in shorter ones
 
 
+Marks = NDArray[np.bool_]
+Modes = NDArray[np.int64]
+
+
 class Space(NamedTuple):
     """Arrays that a run writes to: its state (n,), its tolerance, and what its steps need."""
 
@@ -96,12 +101,12 @@ class Space(NamedTuple):
     q: Array
     slopes: Array
     spare: Array
-    armed: NDArray[np.bool_]
+    armed: Marks
     late: Array
 
 
 @register_jitable(error_model="numpy")
-def workspace(n: int, pieces: int) -> Any:
+def workspace(n: int, pieces: int) -> Space:
     """Of a run of n states; serves any number of runs, one at a time. pieces: of a forcing that the motor lags, else
     0."""
     return Space(
@@ -118,13 +123,13 @@ def workspace(n: int, pieces: int) -> Any:
 
 
 @kernel
-def states(p: Any) -> int:
+def states(p: Packed) -> int:
     """How many states a motion has; those of the ledger come on top."""
     return N_MOTION if p.led == 1 or p.inner != 0 else X
 
 
 @kernel
-def at_rest(p: Any) -> bool:
+def at_rest(p: Packed) -> bool:
     """Sets height and depth of the robot at rest before it jumps; False where the bed cannot carry it."""
     prepare(p)
     p.deep = depth(p)
@@ -133,7 +138,7 @@ def at_rest(p: Any) -> bool:
 
 
 @kernel
-def tolerances(p: Any, atol: float, out: Array) -> float:
+def tolerances(p: Packed, atol: float, out: Array) -> float:
     """Writes atol [m] of the states: of velocities times the rate [1/s] at which the spring swings what moves with
     them, of the foot its own, of energies times the weight; returns the spring's rate."""
     rate = math.sqrt(p.k_s / p.M)
@@ -148,7 +153,7 @@ def tolerances(p: Any, atol: float, out: Array) -> float:
 
 
 @kernel
-def launch(kind: int, before: float, atol: float, peaks: Array, s: Array, tolerance: Array, p: Any) -> None:
+def launch(kind: int, before: float, atol: float, peaks: Array, s: Array, tolerance: Array, p: Packed) -> None:
     """Everything as it is before the forcing; before [m]: where the motor stands."""
     p.kind, p.rest = kind, p.height + before
     p.longest = 2.0 * math.pi / tolerances(p, atol, tolerance) / STEPS_PER_PERIOD
@@ -168,7 +173,7 @@ def launch(kind: int, before: float, atol: float, peaks: Array, s: Array, tolera
 
 
 @kernel
-def enter(piece: int, rows: Array, edges: Array, stop: float, s: Array, peaks: Array, log: Array, p: Any) -> None:
+def enter(piece: int, rows: Array, edges: Array, stop: float, s: Array, peaks: Array, log: Array, p: Packed) -> None:
     """Begins a piece of the forcing: an impulse where its rate jumps, and what then no longer holds."""
     t = edges[piece]
     p.t, p.fresh = t, 1
@@ -189,7 +194,9 @@ def enter(piece: int, rows: Array, edges: Array, stop: float, s: Array, peaks: A
 
 
 @kernel
-def begin_mode(most: float, stop: float, s: Array, slopes: Array, armed: Any, peaks: Array, log: Array, p: Any) -> None:
+def begin_mode(
+    most: float, stop: float, s: Array, slopes: Array, armed: Marks, peaks: Array, log: Array, p: Packed
+) -> None:
     """After an event or with a piece of the forcing: other equations hold. most [s]: longest step."""
     if p.next != p.mode and p.mode == STUCK:  # else logged where it happened
         begins(s, p, log)
@@ -222,7 +229,7 @@ def begin_mode(most: float, stop: float, s: Array, slopes: Array, armed: Any, pe
 
 
 @inlined
-def planned(end: float, stop: float, s: Array, slopes: Array, armed: Any, p: Any) -> tuple[float, bool, bool]:
+def planned(end: float, stop: float, s: Array, slopes: Array, armed: Marks, p: Packed) -> tuple[float, bool, bool]:
     """Step [s] to try, whether it ends the piece, whether no event can be in it."""
     t, p.h, clear = p.t, min(p.h, p.longest), False
     if settling(t, p):
@@ -242,7 +249,7 @@ def planned(end: float, stop: float, s: Array, slopes: Array, armed: Any, p: Any
 
 
 @inlined
-def tried(trial: float, rtol: float, space: Any, p: Any) -> tuple[float, bool]:
+def tried(trial: float, rtol: float, space: Space, p: Packed) -> tuple[float, bool]:
     """Writes the state after the step to s1: its error over its tolerance, and whether it stands; else p.h shrinks."""
     s, s1 = space.s, space.s1
     if p.exact == 1:
@@ -262,7 +269,7 @@ def tried(trial: float, rtol: float, space: Any, p: Any) -> tuple[float, bool]:
 
 
 @kernel
-def first_event(trial: float, final: Guards, space: Any, p: Any) -> tuple[int, float, bool]:
+def first_event(trial: float, final: Guards, space: Space, p: Packed) -> tuple[int, float, bool]:
     """Which guard falls first in a step, looked at in the middle and at the end: (guard or NONE or UNRESOLVED, share of
     the step, whether its dense output is written). final: guards at its end."""
     s, s1, work, q, slopes, armed = space.s, space.s1, space.work, space.q, space.slopes, space.armed
@@ -304,7 +311,9 @@ def first_event(trial: float, final: Guards, space: Any, p: Any) -> tuple[int, f
 
 
 @kernel
-def cut(event: int, theta: float, trial: float, known: bool, rtol: float, space: Any, p: Any) -> tuple[float, bool]:
+def cut(
+    event: int, theta: float, trial: float, known: bool, rtol: float, space: Space, p: Packed
+) -> tuple[float, bool]:
     """Writes the state at an event to s1: the step [s] that the dense output is of, and whether it is written."""
     p.taken = theta * trial
     if p.exact == 1:
@@ -318,7 +327,7 @@ def cut(event: int, theta: float, trial: float, known: bool, rtol: float, space:
 
 
 @inlined
-def rises(wide: float, clear: bool, known: bool, asked: bool, stop: float, space: Any, p: Any) -> bool:
+def rises(wide: float, clear: bool, known: bool, asked: bool, stop: float, space: Space, p: Packed) -> bool:
     """Raises the greatest heights to those along a step that stands, p.taken from p.t to s1; whether its dense output
     is written then. asked: it is needed anyway."""
     s, s1, work, q = space.s, space.s1, space.work, space.q
@@ -348,7 +357,7 @@ def rises(wide: float, clear: bool, known: bool, asked: bool, stop: float, space
 
 
 @inlined
-def strains(wide: float, known: bool, peaks: Array, space: Any, p: Any) -> None:
+def strains(wide: float, known: bool, peaks: Array, space: Space, p: Packed) -> None:
     """Raises the motor's peaks to those along the step."""
     s, s1, work, q, slopes = space.s, space.s1, space.work, space.q, space.slopes
     t, h, mode, slip, exact = p.t, p.taken, p.mode, p.slip, p.exact == 1
@@ -363,7 +372,7 @@ def strains(wide: float, known: bool, peaks: Array, space: Any, p: Any) -> None:
 
 
 @inlined
-def write(reached: float, wide: float, t_out: Array, out: Array, modes: Any, space: Any, p: Any) -> None:
+def write(reached: float, wide: float, t_out: Array, out: Array, modes: Modes, space: Space, p: Packed) -> None:
     """Rows of output along the step."""
     while p.sampled < t_out.size and t_out[p.sampled] <= reached:
         at, exact = t_out[p.sampled], p.exact == 1
@@ -375,12 +384,12 @@ def write(reached: float, wide: float, t_out: Array, out: Array, modes: Any, spa
 
 
 @kernel_of
-def compiled_run(key: str) -> Callable[..., Any]:
+def compiled_run(key: str) -> Callable[..., int]:
     """`run` compiled for all that follow jumps; key: of all that it is made of, a part of numba's."""
 
     @njit(**{**OPTIONS, "cache": True, "nogil": True, "no_cpython_wrapper": False})
     def run(
-        constants: Any,
+        constants: Sequence[Packed],
         kind: int,
         rows: Array,
         edges: Array,
@@ -388,12 +397,12 @@ def compiled_run(key: str) -> Callable[..., Any]:
         stop: float,
         t_out: Array,
         out: Array,
-        modes: NDArray[np.int64],
+        modes: Modes,
         log: Array,
         rtol: float,
         atol: float,
         peaks: Array,
-        space: Any,
+        space: Space,
     ) -> int:
         """Follows a robot from rest through its forcing; returns a status.
 
