@@ -9,9 +9,9 @@ from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from jumpvision.base.arrays import Array
+from jumpvision.base.arrays import AnyArray, Array
 from jumpvision.base.schema import InputError
 from jumpvision.jumper.mechanisms.record import Body
 from jumpvision.jumper.mechanisms.registry import PARAMETERS
@@ -40,7 +40,7 @@ def jump_batch(
     atol: float = 1e-9,
     loop: Mapping[str, ArrayLike] | None = None,
     **varied: ArrayLike,
-) -> dict[str, NDArray[Any]]:
+) -> dict[str, AnyArray]:
     """The results of one jump for every law and set of values, in parallel.
 
     laws: (..., r, 6), rows of a forcing.Segments for every jump (`hard.sine_rows`, `half_cycles.half_cycle_rows`), with
@@ -77,7 +77,7 @@ def jump_batch(
             constants[name] = np.broadcast_to(np.asarray(loop[name], float), shape).ravel()
     out = np.empty((each.shape[0], len(compiled.RESULTS)))
     compiled.batch_solver()(len(out), constants, each, tail, rtol, atol, out)
-    result: dict[str, NDArray[Any]] = {
+    result: dict[str, AnyArray] = {
         name: out[:, i].reshape(shape) for i, name in enumerate(compiled.RESULTS) if name != "status"
     }
     status = out[:, compiled.STATUS].astype(int)
@@ -204,7 +204,7 @@ def looped(v: Mapping[str, Array]) -> dict[str, Array] | None:
     return {n: np.where(below, v[n], 0.0 if n == "kp" else v[n]) for n in LOOP}
 
 
-def hard_points(v: Mapping[str, Array]) -> dict[str, NDArray[Any]]:
+def hard_points(v: Mapping[str, Array]) -> dict[str, AnyArray]:
     """hard_sweep at the points."""
     return hard_sweep(law_rows(v), **{name: v[name] for name in VALUES_OF_ROBOT})
 

@@ -6,14 +6,14 @@ import itertools
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TypeGuard
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import Array
-from jumpvision.base.schema import check_value, closest, type_of
+from jumpvision.base.schema import Toml, check_value, closest, type_of
 from jumpvision.jumper.mechanisms.record import Body
 from jumpvision.jumper.mechanisms.registry import ModelParameters, acting
 
@@ -225,12 +225,12 @@ class Laws:
         """These laws but those of the names."""
         return Laws({n: law for n, law in self.laws.items() if n not in set(names)}, self.foot_radius, self.source)
 
-    def plain(self) -> dict[str, Any]:
+    def plain(self) -> dict[str, object]:
         """For JSON."""
         return {n: asdict(law) for n, law in self.laws.items()} | {"foot_radius": self.foot_radius}
 
 
-def laws_from(table: Mapping[str, Any], where: str) -> tuple[Laws | None, list[str]]:
+def laws_from(table: Toml, where: str) -> tuple[Laws | None, list[str]]:
     """The laws of a table (foot_radius, source, and a law a parameter), or every problem, each beginning with where."""
     problems: list[str] = []
     entries = dict(table)
@@ -259,11 +259,11 @@ def laws_from(table: Mapping[str, Any], where: str) -> tuple[Laws | None, list[s
     return (None, problems) if problems else (Laws(laws, None if radius is None else float(radius), source), [])
 
 
-def _number(value: Any) -> bool:
+def _number(value: object) -> TypeGuard[float]:
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
-def _law(entry: Any) -> PackingLaw | str:
+def _law(entry: object) -> PackingLaw | str:
     """The law of one entry, or what is wrong with it."""
     if _number(entry):
         return PackingLaw((0.0, 1.0), (float(entry), float(entry)))

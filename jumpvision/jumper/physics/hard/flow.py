@@ -14,11 +14,10 @@ is integrated like any other, but not counted and not listed.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numba as nb
-from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.jumper.physics.forcing import INLINE, KERNEL, sincos
 
 from .arc import (
@@ -231,13 +230,13 @@ def follow(
 
 
 @nb.njit(**INLINE)
-def row(p: NDArray[Any], i: int) -> tuple[float, ...]:
+def row(p: Array, i: int) -> tuple[float, ...]:
     """A forcing piece as a tuple: no counting of references."""
     return p[i, 0], p[i, 1], p[i, 2], p[i, 3], p[i, 4], p[i, 5], p[i, 6], p[i, 7], p[i, 8]
 
 
 @nb.njit(**INLINE)
-def motor(piece: NDArray[Any] | tuple[float, ...], tau: float) -> tuple[float, float, float]:
+def motor(piece: Array | tuple[float, ...], tau: float) -> tuple[float, float, float]:
     """X_m [m] and its first two derivatives at tau [s] into a piece."""
     sin, cos = sincos(piece[7] * tau + piece[8])
     sin, cos = piece[6] * sin, piece[6] * piece[7] * cos
@@ -248,15 +247,15 @@ def motor(piece: NDArray[Any] | tuple[float, ...], tau: float) -> tuple[float, f
 
 @nb.njit(**KERNEL)
 def follow_jump(
-    pieces: NDArray[Any],
+    pieces: Array,
     q: float,
     g: float,
     w2: float,
     gam: float,
     keep: float,
     t_end: float,
-    rows: NDArray[Any],
-    flights: NDArray[Any],
+    rows: Array,
+    flights: Array,
 ) -> tuple[int, int, int, float, float, float, float, float, float, bool]:
     """One jump from rest.
 
