@@ -140,7 +140,6 @@ OF_MODEL = "model."  # before the name of a model parameter that differs from po
 # parameters of a force of the ground that grow with the area of the foot (docs/physics.md section 3)
 BY_AREA = tuple(p.name for p in PARAMETERS.values() if p.by_area)
 TAIL = 0.6  # s simulated on sand after the motor stops, doubled until the jump has landed
-MOST = 30.0  # s, longest tail that is doubled once more
 
 
 def resolve(base: Mapping[str, float], given: Mapping[str, ArrayLike]) -> dict[str, Array]:
@@ -254,7 +253,7 @@ def simulated_points(model: Model, v: Mapping[str, Array], *, rtol: float, atol:
 
 
 def until_landed(follow: Callable[[float], tuple[M, Array]], stop: float) -> M:
-    """The motion, followed until a flight has ended after the motor's stop [s], if there is one, or MOST seconds on.
+    """The motion, followed until a flight has ended after the motor's stop [s], if there is one, or half a minute on.
 
     follow(end): the motion until `end` [s] and its flights (m, 2): lift-off and landing [s], NaN while in the air.
     """
@@ -262,6 +261,6 @@ def until_landed(follow: Callable[[float], tuple[M, Array]], stop: float) -> M:
     while True:
         motion, flights = follow(stop + tail)
         airborne = flights.size > 0 and math.isnan(flights[-1, 1])
-        if not airborne or (flights[:, 1] > stop).any() or tail > MOST:
+        if not airborne or (flights[:, 1] > stop).any() or tail > 30.0:
             return motion
         tail *= 2.0

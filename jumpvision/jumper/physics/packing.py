@@ -21,9 +21,6 @@ from .batch import BY_AREA, OF_MODEL
 
 GRID = 301  # trial places of the kink
 DRAWS = 2000  # of noise, for the distribution of the test without a kink
-CHI2_95 = 3.841  # 95 % point of chi2 with one degree of freedom
-ROUNDED = 5e-4  # half of the last of three decimals, to which volume fractions are told
-SIGMAS = 3.0  # of a volume fraction, by which a law reaches beyond its ends
 
 
 @dataclass(frozen=True)
@@ -38,7 +35,8 @@ class PackingLaw:
 
     def __call__(self, phi: ArrayLike, sigma: float = 0.0) -> Array:
         """The parameter at phi (...), of standard uncertainty sigma. ValueError out of the reach of the law."""
-        x, reach = np.asarray(phi, float), max(ROUNDED, SIGMAS * sigma)
+        # half of the last of three decimals, to which volume fractions are told, or three sigmas
+        x, reach = np.asarray(phi, float), max(5e-4, 3.0 * sigma)
         off = np.where(np.isfinite(x), self.beyond(x), math.inf)
         if (off > reach).any():
             ends = f"{self.phi[0]:g} to {self.phi[-1]:g}"
@@ -123,7 +121,7 @@ def fit_packing_law(
     (value_c, below, above), chi2 = _linear(at, x, y, w)
     scatter = max(1.0, chi2 / max(x.size - 4, 1))
     j = _jacobian(x - at, below, above) * w[:, None]
-    inside = trial[profile <= chi2 + CHI2_95 * scatter]
+    inside = trial[profile <= chi2 + 3.841 * scatter]  # 95 % point of chi2 with one degree of freedom
     return PackingFit(
         phi_c=at,
         value_c=value_c,

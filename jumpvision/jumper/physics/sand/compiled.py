@@ -20,8 +20,6 @@ from jumpvision.jumper.physics.hard.jump import RESULTS as HARD_RESULTS
 from . import events, granular, kernel, laws, modes, run, step, trial, within
 from .packed import Packed
 
-LONGEST_TAIL = 30.0  # s, simulated after the motor stops at most
-LOG = 500  # events of a jump in a batch
 RESULTS = (*HARD_RESULTS, "driven_height_m", "max_depth_m", "status")
 COM, FLIGHT, JUMP, N_JUMPS, FIRST, POWER, FORCE, SPEED, DRIVEN, DEPTH, STATUS = range(len(RESULTS))
 
@@ -57,7 +55,7 @@ def jump(constants: Sequence[Packed], law: Array, tail: float, rtol: float, atol
     rows, edges = pieces(law)
     n = edges.size
     start, stop = edges[0], edges[n - 2]
-    log, peaks = np.empty((LOG, 2)), np.empty(6)
+    log, peaks = np.empty((500, 2)), np.empty(6)  # 500 events of a jump
     no_times, no_out, no_modes = np.empty(0), np.empty((0, within.N_OUT)), np.empty(0, np.int64)
     space = run.workspace(run.states(p), rows.shape[0] if p.tau > 0.0 else 0)
     while True:
@@ -79,7 +77,7 @@ def jump(constants: Sequence[Packed], law: Array, tail: float, rtol: float, atol
                     late = late if late > 0 else flights
                     longest = max(longest, log[i, 0] - up)
                 up = math.nan
-        if late > 0 or math.isnan(up) or tail > LONGEST_TAIL:
+        if late > 0 or math.isnan(up) or tail > 30.0:  # s after the motor stops
             break
         tail *= 2.0
     out[COM] = p.com - p.lowest

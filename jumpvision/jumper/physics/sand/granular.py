@@ -43,8 +43,6 @@ FLOOR, HOLE, PAUSE, HELD, CONTACT, LEFT, N_MEMORY = range(7)
 foot last came down [s]; `z_left` of the last pause."""
 N_ARC = 17  # numbers of an arc in closed form (`step`)
 N_NODES = 16  # of a step, in which the motor is looked up beforehand
-OVER = 40.0  # time constants after which nothing of a lag's transient is left: exp(-OVER) < 1e-17
-AT = 1e-9  # m or m/s: so near to a limit the motor is at it
 MOTOR_WORK, IMPULSE, DAMPED, LOST = range(N_MOTION, N_MOTION + 4)
 """Energies [J] integrated along with the motion where it is asked for, in the states after N_MOTION: of the motor, of
 its impulses, of the spring's damping; from LOST on of the laws (`laws.Laws.lost`), and last of landings."""
@@ -130,7 +128,8 @@ def lagged(kind: int, rows: Array, edges: Array, tau: float, out: Array) -> None
 @inlined
 def settling(t: float, p: Packed) -> bool:
     """Whether the transient of a lag is not over."""
-    return p.tau > 0.0 and p.row[6] != 0.0 and t - p.row[7] < OVER * p.tau
+    # exp(-40) < 1e-17: nothing of the transient is left
+    return p.tau > 0.0 and p.row[6] != 0.0 and t - p.row[7] < 40.0 * p.tau
 
 
 @kernel

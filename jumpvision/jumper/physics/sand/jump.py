@@ -19,7 +19,6 @@ from .laws import LAG, Laws, dry, laws_of, steady
 
 MODES = ("air", "rest", "intrude")
 OUTPUTS = ("rod", "foot", "motor", "rod_velocity", "foot_velocity", "ground_force", "spring_force")
-BEYOND = 0.05  # of the range seen: so far beyond it a law is used without a word
 SINKS = "model k2, sigma_cone: the bed cannot carry the robot's weight; give larger values"
 EVENT = np.dtype([("time", float), ("kind", "U10")])
 
@@ -171,7 +170,7 @@ def beyond_seen(model: Model, motion: Motion) -> list[str]:
             if n not in m.seen or not x.size:
                 continue
             (low, high), least, most = m.seen[n], float(x.min()), float(x.max())
-            room = BEYOND * (high - low)
+            room = 0.05 * (high - low)  # so far beyond the range seen a law is used without a word
             if least < low - room or most > high + room:
                 out.append(
                     f"'{m.name}' is used at {n} of {least:.3g} to {most:.3g} {STATE[n][0]}; it was found between "

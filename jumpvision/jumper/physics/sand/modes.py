@@ -11,7 +11,6 @@ from jumpvision.base.arrays import Array
 
 from .granular import (
     AIR,
-    AT,
     INTRUDE,
     NEVER,
     STUCK,
@@ -33,8 +32,6 @@ from .kernel import kernel, number
 from .laws import REST
 from .packed import Packed
 
-DEEPEST = 1e3  # m
-
 
 @kernel
 def room(t: float, s: Array, mode: int, slip: int, p: Packed) -> float:
@@ -55,10 +52,11 @@ def room(t: float, s: Array, mode: int, slip: int, p: Packed) -> float:
 def limit(t: float, s: Array, mode: int, slip: int, p: Packed) -> None:
     """Stops the motor at an end of its travel, holds it at its greatest speed, or lets it go: sets memory[3], X, V."""
     side = 1.0 if p.high - s[X] < s[X] - p.low else -1.0
-    if min(p.high - s[X], s[X] - p.low) <= AT and side * s[V] >= 0.0 and abs(p.memory[3]) != 2.0:
+    at = 1e-9  # m or m/s: so near to a limit the motor is at it
+    if min(p.high - s[X], s[X] - p.low) <= at and side * s[V] >= 0.0 and abs(p.memory[3]) != 2.0:
         s[X], s[V] = p.high if side > 0.0 else p.low, 0.0  # between motor and rod: y and w go on
         p.memory[3] = 2.0 * side
-    elif p.memory[3] == 0.0 and abs(s[V]) >= p.max_speed - AT:
+    elif p.memory[3] == 0.0 and abs(s[V]) >= p.max_speed - at:
         p.memory[3] = 1.0 if s[V] > 0.0 else -1.0
         s[V] = p.memory[3] * p.max_speed
     else:
@@ -177,7 +175,7 @@ def depth(p: Packed) -> float:
     lo, hi = 0.0, 1e-3
     while carried(hi, p) < load:
         lo, hi = hi, 2.0 * hi
-        if hi > DEEPEST:
+        if hi > 1e3:  # m
             return math.nan
     f_lo, f_hi = carried(lo, p) - load, carried(hi, p) - load
     for n in range(200):  # regula falsi, every third step a bisection

@@ -77,12 +77,6 @@ from .trial import above, first_step, foot_rate, holds, positive, share_to_bend,
 from .within import dips, efforts, fastest, heights, inside, locate, paces, peak, sample, spares
 
 MAX_EVENTS = 4000
-MAX_STEPS = 30_000  # a second, and as many beside: thirty times those of a jump; a motion that runs away has more
-ASTRAY = 100.0  # error of a step over its tolerance: where it ends says nothing of the kinks on the way
-SMALL = 1e-6  # error of a step over its tolerance: the next may be five times as long
-NOISE = 1e-14  # m or m/s, rounding of a guard that starts at zero
-STABLE = 5.0  # decays along the real axis in which a step does not grow: 6.1
-STEPS_PER_PERIOD = 4  # of the spring, at least: events are looked for twice a step
 OK, TOO_MANY_EVENTS, STEP_TOO_SMALL, CANNOT_CARRY = 0, 1, 2, 3
 NONE, UNRESOLVED = -1, -2  # of an event in a step: look again in shorter ones
 
@@ -156,7 +150,7 @@ def tolerances(p: Packed, atol: float, out: Array) -> float:
 def launch(kind: int, before: float, atol: float, peaks: Array, s: Array, tolerance: Array, p: Packed) -> None:
     """Everything as it is before the forcing; before [m]: where the motor stands."""
     p.kind, p.rest = kind, p.height + before
-    p.longest = 2.0 * math.pi / tolerances(p, atol, tolerance) / STEPS_PER_PERIOD
+    p.longest = 2.0 * math.pi / tolerances(p, atol, tolerance) / 4  # of the spring: events are looked for twice a step
     s[:] = 0.0
     s[Y], s[XF] = p.height + p.ratio * before, -p.deep
     if s.size > X:
@@ -213,7 +207,8 @@ def begin_mode(
         p.longest = most
         if p.kp > 0.0:  # longer, and rounding grows until the error shows it
             mass = p.m_m * p.m_r / p.M
-            p.longest = min(most, STABLE / max(np.sqrt(p.kp / mass), p.kd / mass))
+            # decays along the real axis: from 6.1 on a step grows
+            p.longest = min(most, 5.0 / max(np.sqrt(p.kp / mass), p.kd / mass))
         rhs(t, s, mode, slip, p, slopes, number(0))
         if mode == INTRUDE:
             p.h = min(p.h, first_step(s, slopes[0, VF], p))
@@ -257,7 +252,8 @@ def tried(trial: float, rtol: float, space: Space, p: Packed) -> tuple[float, bo
         error = 0.0
     else:
         error = step(p.t, s, trial, p.mode, p.slip, p, space.slopes, s1, rtol, space.tolerance)
-    if p.mode == INTRUDE and error < ASTRAY:
+    # times the tolerance: where such a step ends says nothing of the kinks on the way
+    if p.mode == INTRUDE and error < 100.0:
         share = share_to_bend(s, s1, trial, p)
         if share < 1.0:
             p.h, p.after = share * trial, max(p.after, trial)
@@ -297,7 +293,8 @@ def first_event(trial: float, final: Guards, space: Space, p: Packed) -> tuple[i
             if final[i] <= 0.0:
                 if trial > RESOLVE:
                     unresolved = True
-                elif final[i] < -NOISE and theta > 0.0 and not (mode == STUCK and t < p.held):
+                # a guard that starts at zero is rounded to 1e-14 m or m/s
+                elif final[i] < -1e-14 and theta > 0.0 and not (mode == STUCK and t < p.held):
                     event, theta = i, 0.0
             continue
         if not known:
@@ -438,7 +435,8 @@ def compiled_run(key: str) -> Callable[..., int]:
                     p.v_old = motor(p.t, s, p)[1]
                     break
                 steps += 1
-                if steps > MAX_STEPS * (1.0 + end - edges[0]):
+                # a second, and as many beside: thirty times those of a jump; a motion that runs away has more
+                if steps > 30_000 * (1.0 + end - edges[0]):
                     return STEP_TOO_SMALL
                 trial, last, clear = planned(end, stop, s, space.slopes, space.armed, p)
                 error, stands = tried(trial, rtol, space, p)
@@ -476,7 +474,8 @@ def compiled_run(key: str) -> Callable[..., int]:
                 elif last or p.after > 0.0:
                     p.h, p.after = max(trial, p.after), 0.0
                 else:
-                    p.h = trial * (min(5.0, 0.8 * error ** (-1.0 / ORDER)) if error > SMALL else 5.0)
+                    # the error over its tolerance: the next may be five times as long
+                    p.h = trial * (min(5.0, 0.8 * error ** (-1.0 / ORDER)) if error > 1e-6 else 5.0)
         if p.mode == INTRUDE:
             p.memory[FLOOR] = max(p.memory[FLOOR], -s[XF])
         return OK

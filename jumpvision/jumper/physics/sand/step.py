@@ -177,9 +177,6 @@ def middle(s: Array, s1: Array, k: Array, h: float, out: Array) -> None:
         out[j] = 0.5 * (s[j] + s1[j]) + 0.125 * h * (k[0, j] - k[END, j])
 
 
-RESONANT = 1e-6  # |1 - (forcing / natural frequency)^2| and damping both below: the form divides by zero
-STEPS_PER_PERIOD = 8  # of the oscillation in q: events are looked for twice a step, and between by a parabola
-
 # An arc: start, cosine and sine part of the oscillation, its decay and frequency, four numbers of the particular
 # solution (level, sine, cosine; or a cubic) and what follows a lag's transient in it, height and rate of the mass
 # centre, its acceleration downwards, share of the foot in the mass, its place at rest; amplitude of the oscillation at
@@ -204,9 +201,10 @@ def longest_step(mode: int, slip: int, p: Packed) -> float:
         return 0.0
     if p.kind == SINE:
         share = p.row[4] * p.row[4] / stiff
-        if p.row[3] != 0.0 and abs(1.0 - share) + damp * math.sqrt(share / stiff) < RESONANT:
+        # both parts so small: the form divides by zero
+        if p.row[3] != 0.0 and abs(1.0 - share) + damp * math.sqrt(share / stiff) < 1e-6:
             return 0.0
-    return 2.0 * math.pi / math.sqrt(stiff) / STEPS_PER_PERIOD
+    return 2.0 * math.pi / math.sqrt(stiff) / 8  # events are looked for twice a step, and between by a parabola
 
 
 @inlined

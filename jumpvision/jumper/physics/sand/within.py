@@ -20,7 +20,6 @@ Triple = tuple[float, float, float]
 ROOT = 1e-14  # s, width of the bracket at which an event is found
 SAMPLES = 60  # of the motor force in a period of the forcing
 TURN = 1e-8  # of the greatest rate in a step: the height is the greatest to the square of it
-RISE = 2.0  # times a sinusoid of the range seen: what a quantity may rise by within a piece
 MARGIN = 0.05  # of a guard's range over a step: how near to zero its parabola may come
 
 N_OUT = 7
@@ -239,7 +238,7 @@ def efforts(
     pieces = max(1, math.ceil(8.0 * rate * h / (2.0 * math.pi) - 1e-6))
     n = 2 + int(SAMPLES * rate * h / pieces / (2.0 * math.pi))
     x = max(rate, fast) * h / pieces
-    rise = RISE * 0.125 * x * x
+    rise = 2.0 * 0.125 * x * x  # within a piece it may rise by twice what a sinusoid of the range seen would
     for i in range(pieces):
         if i + 1 < pieces:
             if not known:
