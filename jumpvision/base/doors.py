@@ -20,7 +20,7 @@ class ArraysOrFolder:
         self.__module__ = "jumpvision"
         self._of_folder = of_folder
 
-    def __call__(self, first: Any, *more: Any, **settings: Any) -> Any:
+    def __call__(self, first: object, *more: object, **settings: object) -> Any:
         folder = isinstance(first, str | os.PathLike)
         return (self._of_folder() if folder else self.__wrapped__)(first, *more, **settings)  # type: ignore[attr-defined]
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
+import socket
 import sys
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
-from typing import Any
 
 from .schema import InputError
 
@@ -41,7 +41,7 @@ class LocalServer(ThreadingHTTPServer):
         except (OSError, OverflowError) as e:
             raise InputError([f"{command} --port {port}: {e}; give another port, or 0 for a free one"]) from None
 
-    def handle_error(self, request: Any, client_address: Any) -> None:
+    def handle_error(self, request: socket.socket | tuple[bytes, socket.socket], client_address: object) -> None:
         """A browser that leaves in the middle of an answer is no error."""
         if not isinstance(sys.exc_info()[1], ConnectionError | TimeoutError):
             super().handle_error(request, client_address)
@@ -118,5 +118,5 @@ class LocalHandler(BaseHTTPRequestHandler):
         self.end_headers()
         self.wfile.write(body)
 
-    def log_message(self, *_: Any) -> None:
+    def log_message(self, *_: object) -> None:
         """No line for every request."""

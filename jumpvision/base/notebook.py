@@ -6,7 +6,34 @@ import base64
 import html
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol
+
+from .schema import Section
+
+
+class Experiment(Protocol):
+    """What is shown of a folder."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def ground(self) -> str: ...
+    @property
+    def path(self) -> Path: ...
+    @property
+    def sections(self) -> Mapping[str, Section]: ...
+
+
+class Campaign(Protocol):
+    """What is shown of a folder of them."""
+
+    @property
+    def path(self) -> Path: ...
+    @property
+    def experiments(self) -> Sequence[Experiment]: ...
+    @property
+    def excluded(self) -> Mapping[str, str]: ...
 
 
 def record(record: Any) -> str:
@@ -20,7 +47,7 @@ def record(record: Any) -> str:
     return page(f"{type(record).__name__} ({record.file})", body, getattr(record, "pictures", list)())
 
 
-def experiment(experiment: Any) -> str:
+def experiment(experiment: Experiment) -> str:
     """The sections of an experiment with what is given in them."""
     rows = [
         {"section": f"[{name}]", "given": ", ".join(f"{k} = {short(v)}" for k, v in given(section).items())}
@@ -29,14 +56,14 @@ def experiment(experiment: Any) -> str:
     return page(f"Experiment {experiment.name} ({experiment.ground} ground, {experiment.path})", table(rows))
 
 
-def campaign(campaign: Any) -> str:
+def campaign(campaign: Campaign) -> str:
     """One row an experiment, with what was recorded."""
-    rows = [{"experiment": e.name, "ground": e.ground, "sections": ", ".join(e.sections)} for e in campaign]
+    rows = [{"experiment": e.name, "ground": e.ground, "sections": ", ".join(e.sections)} for e in campaign.experiments]
     rows += [{"experiment": n, "ground": "", "sections": f"excluded: {why}"} for n, why in campaign.excluded.items()]
     return page(f"Campaign of {len(campaign.experiments)} experiments ({campaign.path})", table(rows))
 
 
-def given(section: Any) -> dict[str, Any]:
+def given(section: Section) -> dict[str, object]:
     """What a section holds besides its defaults."""
     values = {f.name: getattr(section, f.name) for f in fields(section) if f.name != "path"}
     defaults = {f.name: f.default for f in fields(section)}
@@ -53,7 +80,7 @@ def page(title: str, body: str, pictures: Iterable[bytes] = ()) -> str:
     return f"<div><div><b>{html.escape(title)}</b></div>{body}{images}</div>"
 
 
-def table(rows: Sequence[Mapping[str, Any]]) -> str:
+def table(rows: Sequence[Mapping[str, object]]) -> str:
     """Rows with the same keys."""
     if not rows:
         return ""
@@ -71,7 +98,7 @@ def values(data: Mapping[str, Any]) -> str:
     )
 
 
-def short(value: Any) -> str:
+def short(value: object) -> str:
     """One cell: numbers to five figures, lists and tables by their length."""
     if value is None:
         return ""

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, TypeVar
+from typing import ClassVar, TypeVar
 
-from .schema import InputError, read
+from .schema import InputError, Toml, read
 
 
 @dataclass(frozen=True)
@@ -25,7 +24,7 @@ PARAMS: dict[str, type[Params]] = {}
 P = TypeVar("P", bound=Params)
 
 
-def of_keywords(cls: type[P], given: Mapping[str, Any], *, folder: tuple[str, ...] = (), **above_0: float | None) -> P:
+def of_keywords(cls: type[P], given: Toml, *, folder: tuple[str, ...] = (), **above_0: float | None) -> P:
     """Parameters of a stage from keywords of its function of arrays.
 
     folder: those that only a folder's stage heeds; above_0: further numbers, None or finite and > 0. Raises InputError.

@@ -32,7 +32,7 @@ class Record(ABC):
         """Read it back from `folder`."""
 
 
-def plain(value: Any) -> Any:
+def plain(value: object) -> Any:
     """numpy and NaN as what JSON can hold: lists, numbers, null."""
     if isinstance(value, dict):
         return {str(k): plain(v) for k, v in value.items()}

@@ -16,7 +16,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Union, get_args, get_origin, get_type_hints
 
-REQUIRED: Any = dataclasses.MISSING
+REQUIRED = dataclasses.MISSING
 Toml = Mapping[str, Any]  # a table as TOML has it: text, numbers, lists and tables by key
 
 
@@ -27,7 +27,7 @@ class InputError(ValueError):
         self.problems = list(problems)
         super().__init__("\n".join(self.problems))
 
-    def __reduce__(self) -> tuple[Any, ...]:  # keeps .problems when the error crosses a process boundary
+    def __reduce__(self) -> tuple[object, ...]:  # keeps .problems when the error crosses a process boundary
         return (type(self), (self.problems,))
 
 
@@ -47,7 +47,7 @@ class Doubt(StageWarning):
         super().__init__(message)
         self.kind, self.recording, self.values = kind, recording, dict(values)
 
-    def __reduce__(self) -> tuple[Any, ...]:  # between processes
+    def __reduce__(self) -> tuple[object, ...]:  # between processes
         return Doubt, (self.kind, str(self), self.recording, self.values)
 
 
@@ -57,7 +57,7 @@ def harmless(text: str) -> str:
 
 
 def param(
-    default: Any,
+    default: object,
     unit: str,
     meaning: str,
     *,
@@ -86,12 +86,12 @@ def closest(name: str, names: Iterable[str]) -> str:
 
 
 @functools.cache  # resolving annotations takes a millisecond
-def _hints(cls: type) -> dict[str, Any]:
+def _hints(cls: type) -> dict[str, type]:
     return get_type_hints(cls)
 
 
 @functools.cache
-def type_of(cls: type, name: str) -> tuple[Any, bool]:
+def type_of(cls: type, name: str) -> tuple[type, bool]:
     """The plain type of a field and whether None is allowed."""
     hint = _hints(cls)[name]
     if get_origin(hint) in (Union, types.UnionType):
@@ -112,7 +112,7 @@ def allowed(meta: Toml) -> str:
     return f"in {'(' if meta['open_lo'] else '['}{lo:g}, {hi:g}]{unit}"
 
 
-def check_value(value: Any, hint: Any, meta: Toml) -> tuple[Any, str]:
+def check_value(value: object, hint: type, meta: Toml) -> tuple[object, str]:
     """The value as its declared type and "", or the value and what is wrong with it."""
     base = get_origin(hint) or hint
     if base is float:
@@ -156,7 +156,7 @@ def check_value(value: Any, hint: Any, meta: Toml) -> tuple[Any, str]:
     return value, ""
 
 
-def read(cls: type, table: Any, where: str, *, extra: Iterable[str] = ()) -> tuple[Any, list[str]]:
+def read(cls: type, table: object, where: str, *, extra: Iterable[str] = ()) -> tuple[Any, list[str]]:
     """(object or None, problems): `table` as a `cls`, with every problem found.
 
     where: how a message names the table, e.g. `run-3/experiment.toml: [robot]`. extra: keys to leave alone.
@@ -195,7 +195,7 @@ def describe(field: dataclasses.Field[Any]) -> str:
     return f"{m['meaning']}; {allowed(m)}" if m["choices"] or m["unit"] else m["meaning"]
 
 
-def _short(value: Any) -> str:
+def _short(value: object) -> str:
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
 
@@ -250,7 +250,7 @@ class FileSection(Section):
     path: Path = Path()  # not a key of the file: set when the folder is read
 
 
-def need(section: Any, *keys: str) -> list[Any]:
+def need(section: Section, *keys: str) -> list[Any]:
     """The values of `keys`, in order; MissingKey naming every one that is absent."""
     by_name = {f.name: f for f in dataclasses.fields(section)}
     missing = [k for k in keys if getattr(section, k) is None]

@@ -18,6 +18,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+Json = Mapping[str, Any]  # an object as JSON has it: text, numbers, lists and objects by key
+
 
 def aside_folder(cache: Path) -> Path:
     """A new folder to write a cache entry in before it is renamed; its name says who owns it."""
@@ -137,7 +139,7 @@ def remember(cache: Path, kind: str, about: Path, content: Mapping[str, object])
     write_aside(memory(cache, kind, about), sealed({"about": str(about.absolute()), **content}))
 
 
-def recall(cache: Path, kind: str, about: Path) -> Mapping[str, Any]:
+def recall(cache: Path, kind: str, about: Path) -> Json:
     """What was remembered. Raises OSError or ValueError where there is nothing, or it is damaged or of another path."""
     found = unsealed(memory(cache, kind, about).read_text(encoding="utf-8"))
     if found["about"] != str(about.absolute()):
@@ -145,7 +147,7 @@ def recall(cache: Path, kind: str, about: Path) -> Mapping[str, Any]:
     return dict(found)
 
 
-def memories(cache: Path, kind: str) -> Iterator[tuple[Path, Mapping[str, Any]]]:
+def memories(cache: Path, kind: str) -> Iterator[tuple[Path, Json]]:
     """All that can be read, with the file of each."""
     for file in (cache / kind).glob("*.json"):
         with contextlib.suppress(OSError, ValueError):

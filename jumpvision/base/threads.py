@@ -8,13 +8,22 @@ import functools
 import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numba as nb
 from numba.core import cgutils, event, types
 from numba.extending import intrinsic
 
 from . import compiling
+
+if TYPE_CHECKING:
+    from llvmlite.ir import IRBuilder, Value
+    from numba.core.base import BaseContext
+    from numba.core.typing.context import BaseContext as Typing
+    from numba.core.typing.templates import Signature
+
+    Emit = Callable[[BaseContext, IRBuilder, Signature, Sequence[Value]], Value]
+    Emitted = tuple[Signature, Emit]
 
 T = TypeVar("T")
 
@@ -52,7 +61,7 @@ def shared(**options: Any) -> Callable[[Callable[..., None]], Callable[..., None
         compiled = nb.njit(**{"cache": True, "nogil": True, **options})(f)
 
         @functools.wraps(f)
-        def call(rows: int, *arguments: Any) -> None:
+        def call(rows: int, *arguments: object) -> None:
             size = max(1, -(-rows // (8 * threads())))  # eight pieces a thread: rows differ in work
             starts = range(0, rows, size)
             at_once([functools.partial(compiled, k, min(k + size, rows), *arguments) for k in starts])
@@ -110,30 +119,30 @@ if hasattr(os, "register_at_fork"):
 # One number of an int64 array that several threads read and write: what was written before is seen after.
 
 
-def _compiled(f: Callable[..., Any]) -> Any:
+def _compiled(f: Callable[..., Emitted]) -> Callable[..., int]:
     return intrinsic(f)
 
 
-def _place(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+def _place(context: BaseContext, builder: IRBuilder, signature: Signature, args: Sequence[Value]) -> Value:
     array = context.make_array(signature.args[0])(context, builder, args[0])
     return cgutils.gep_inbounds(builder, array.data, args[1])
 
 
 @_compiled
-def read(typing: Any, array: Any, i: Any) -> Any:
+def read(typing: Typing, array: types.Array, i: types.Integer) -> Emitted:
     """array[i]."""
 
-    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+    def code(context: BaseContext, builder: IRBuilder, signature: Signature, args: Sequence[Value]) -> Value:
         return builder.load_atomic(_place(context, builder, signature, args), "acquire", 8)
 
     return types.int64(array, types.intp), code
 
 
 @_compiled
-def written(typing: Any, array: Any, i: Any, value: Any) -> Any:
+def written(typing: Typing, array: types.Array, i: types.Integer, value: types.Integer) -> Emitted:
     """array[i] = value."""
 
-    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+    def code(context: BaseContext, builder: IRBuilder, signature: Signature, args: Sequence[Value]) -> Value:
         builder.store_atomic(args[2], _place(context, builder, signature, args), "release", 8)
         return context.get_dummy_value()
 
@@ -141,20 +150,22 @@ def written(typing: Any, array: Any, i: Any, value: Any) -> Any:
 
 
 @_compiled
-def added(typing: Any, array: Any, i: Any, value: Any) -> Any:
+def added(typing: Typing, array: types.Array, i: types.Integer, value: types.Integer) -> Emitted:
     """array[i] += value; what it was."""
 
-    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+    def code(context: BaseContext, builder: IRBuilder, signature: Signature, args: Sequence[Value]) -> Value:
         return builder.atomic_rmw("add", _place(context, builder, signature, args), args[2], "acq_rel")
 
     return types.int64(array, types.intp, types.int64), code
 
 
 @_compiled
-def swapped(typing: Any, array: Any, i: Any, before: Any, after: Any) -> Any:
+def swapped(
+    typing: Typing, array: types.Array, i: types.Integer, before: types.Integer, after: types.Integer
+) -> Emitted:
     """Whether array[i] was `before`, and is `after` now."""
 
-    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+    def code(context: BaseContext, builder: IRBuilder, signature: Signature, args: Sequence[Value]) -> Value:
         place = _place(context, builder, signature, args)
         return builder.extract_value(builder.cmpxchg(place, args[2], args[3], "acq_rel", "acquire"), 1)
 

@@ -2,31 +2,29 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from .record import Body, Mechanism, Parameter, Prior
+from .record import Body, Mechanism, Parameter, Prior, Robot
 
 SAND = ("granular",)
 
 
-def stiffness(m: Any) -> float:
+def stiffness(m: Robot) -> float:
     """k or k1 of the model [N/m], the usual one where it has neither."""
     given = [x for x in (m.parameters.k, m.parameters.k1) if x is not None]
     return float(given[0]) if given else 2000.0
 
 
-def resistance(m: Any) -> Prior:
+def resistance(m: Robot) -> Prior:
     """Of a resistance of the size of the model's own."""
     k = stiffness(m)
     return Prior(k, 0.05 * k, 20 * k, 0.1 * k)
 
 
-def _below(m: Any) -> Prior:
+def _below(m: Robot) -> Prior:
     k = stiffness(m)
     return Prior(k, 0.0, 20 * k, 0.1 * k)
 
 
-def _overshoot(m: Any) -> Prior:
+def _overshoot(m: Robot) -> Prior:
     k = stiffness(m)
     return Prior(0.0, 0.0, 20 * k, 0.2 * k, log=True)
 

@@ -6,7 +6,7 @@ import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, make_dataclass, replace
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +16,7 @@ from jumpvision.engine.laws.dimension import check_dimension, dimension
 from jumpvision.engine.laws.expression import Expression, LawError
 from jumpvision.engine.laws.tree import ARGUMENTS, in_order
 
-from .record import LONG_AGO, STATE, Body, Mechanism, Parameter, Prior
+from .record import LONG_AGO, STATE, Body, Mechanism, Parameter, Prior, Robot
 from .record import bare as bare
 from .record import own_name as own_name
 from .registry import MECHANISMS, PARAMETERS, ModelParameters
@@ -42,7 +42,7 @@ class Given:
 
     prior: Prior
 
-    def __call__(self, model: Any) -> Prior:
+    def __call__(self, model: Robot | None) -> Prior:
         return self.prior
 
 
@@ -133,7 +133,7 @@ def _absent(law: Expression, parameters: Sequence[Parameter], off: Parameter) ->
     return bool(np.all((values == 0.0) | np.isnan(values)) and np.any(values == 0.0))
 
 
-def read_own(tables: Any, where: str) -> tuple[dict[str, Mechanism], list[str]]:
+def read_own(tables: object, where: str) -> tuple[dict[str, Mechanism], list[str]]:
     """(mechanisms by name, problems) of the [mechanism.*] tables. where: file and section, to name."""
     if not isinstance(tables, Mapping):
         return {}, [f"{where} = {tables!r}: must be tables, written [mechanism.NAME]"]
@@ -147,7 +147,7 @@ def read_own(tables: Any, where: str) -> tuple[dict[str, Mechanism], list[str]]:
     return out, problems
 
 
-def _read_one(name: str, table: Any, where: str) -> tuple[Mechanism | None, list[str]]:
+def _read_one(name: str, table: object, where: str) -> tuple[Mechanism | None, list[str]]:
     if not name.isidentifier():
         return None, [f"{where}: '{name}' is no name; use letters, digits and _"]
     if name in MECHANISMS or name in PARAMETERS or name in STATE:
@@ -198,7 +198,7 @@ def _read_one(name: str, table: Any, where: str) -> tuple[Mechanism | None, list
         return None, [f"{where} law = {texts['law']!r}: {e}"]
 
 
-def _parameters(table: Any, where: str) -> tuple[list[Parameter], list[str]]:
+def _parameters(table: object, where: str) -> tuple[list[Parameter], list[str]]:
     if not isinstance(table, Mapping):
         return [], [f"{where} = {table!r}: must be tables, written {where[:-1]}.NAME]"]
     out, problems = [], []
@@ -253,11 +253,11 @@ def parameter(
     return Parameter(name, unit, words or name, prior, default=start, lo=low, hi=high)
 
 
-def _is_number(x: Any, finite: bool = True) -> bool:
+def _is_number(x: object, finite: bool = True) -> TypeGuard[float]:
     return isinstance(x, int | float) and not isinstance(x, bool) and (math.isfinite(x) or not finite)
 
 
-def _pair(ends: Any, equal: bool = False) -> str:
+def _pair(ends: object, equal: bool = False) -> str:
     """What is wrong with [low, high]; "" where nothing is."""
     if not (isinstance(ends, list | tuple) and len(ends) == 2 and all(_is_number(x) for x in ends)):
         return "must be [low, high], two numbers"

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 from jumpvision.engine.laws.expression import Expression, parse
 
@@ -109,6 +109,25 @@ FORCES = (
     Body.STATIC, Body.OVERSHOOT, Body.DRAG, Body.FOOT, Body.INERTIA, Body.CARRIAGE, Body.RAIL, Body.SPRING
 )  # fmt: skip
 """The bodies whose laws give forces of the equations of motion."""
+
+
+class Robot(Protocol):
+    """What the size of a prior follows from, of a model (`physics.model.Model`)."""
+
+    @property
+    def parameters(self) -> Any: ...  # `registry.ModelParameters`, which is made of these records
+    @property
+    def M(self) -> float: ...
+    @property
+    def m_m(self) -> float: ...
+    @property
+    def m_f(self) -> float: ...
+    @property
+    def k_s(self) -> float: ...
+    @property
+    def c_s(self) -> float: ...
+    @property
+    def g(self) -> float: ...
 
 
 @dataclass(frozen=True)
@@ -224,7 +243,7 @@ class Mechanism:
         return frozenset((*self.symbols, *(self.rate.symbols if self.rate else ())))
 
     @cached_property
-    def key(self) -> tuple[Any, ...]:
+    def key(self) -> tuple[Hashable, ...]:
         """What its compiled law follows from."""
         trees = (x.root if x else None for x in (self.expression, self.rate))
         return (self.name, self.acts_on, self.names, self.scales, *trees)

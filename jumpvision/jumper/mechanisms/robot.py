@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
-from .record import Body, Mechanism, Parameter, Prior
+from .record import Body, Mechanism, Parameter, Prior, Robot
 
 
-def _impedance(m: Any) -> float:
+def _impedance(m: Robot) -> float:
     """sqrt(k M) [N s/m], the size of a damping that matters."""
     return math.sqrt(m.k_s * m.M)
 

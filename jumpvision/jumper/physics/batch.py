@@ -9,9 +9,9 @@ from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from jumpvision.base.arrays import Array
+from jumpvision.base.arrays import AnyArray, Array
 from jumpvision.base.schema import InputError
 from jumpvision.jumper.mechanisms.record import Body
 from jumpvision.jumper.mechanisms.registry import PARAMETERS
@@ -40,7 +40,7 @@ def jump_batch(
     atol: float = 1e-9,
     loop: Mapping[str, ArrayLike] | None = None,
     **varied: ArrayLike,
-) -> dict[str, NDArray[Any]]:
+) -> dict[str, AnyArray]:
     """The results of one jump for every law and set of values, in parallel.
 
     laws: (..., r, 6), rows of a forcing.Segments for every jump (`hard.sine_rows`, `half_cycles.half_cycle_rows`), with
@@ -77,7 +77,7 @@ def jump_batch(
             constants[name] = np.broadcast_to(np.asarray(loop[name], float), shape).ravel()
     out = np.empty((each.shape[0], len(compiled.RESULTS)))
     compiled.batch_solver()(len(out), constants, each, tail, rtol, atol, out)
-    result: dict[str, NDArray[Any]] = {
+    result: dict[str, AnyArray] = {
         name: out[:, i].reshape(shape) for i, name in enumerate(compiled.RESULTS) if name != "status"
     }
     status = out[:, compiled.STATUS].astype(int)
@@ -140,7 +140,6 @@ OF_MODEL = "model."  # before the name of a model parameter that differs from po
 # parameters of a force of the ground that grow with the area of the foot (docs/physics.md section 3)
 BY_AREA = tuple(p.name for p in PARAMETERS.values() if p.by_area)
 TAIL = 0.6  # s simulated on sand after the motor stops, doubled until the jump has landed
-MOST = 30.0  # s, longest tail that is doubled once more
 
 
 def resolve(base: Mapping[str, float], given: Mapping[str, ArrayLike]) -> dict[str, Array]:
@@ -204,7 +203,7 @@ def looped(v: Mapping[str, Array]) -> dict[str, Array] | None:
     return {n: np.where(below, v[n], 0.0 if n == "kp" else v[n]) for n in LOOP}
 
 
-def hard_points(v: Mapping[str, Array]) -> dict[str, NDArray[Any]]:
+def hard_points(v: Mapping[str, Array]) -> dict[str, AnyArray]:
     """hard_sweep at the points."""
     return hard_sweep(law_rows(v), **{name: v[name] for name in VALUES_OF_ROBOT})
 
@@ -254,7 +253,7 @@ def simulated_points(model: Model, v: Mapping[str, Array], *, rtol: float, atol:
 
 
 def until_landed(follow: Callable[[float], tuple[M, Array]], stop: float) -> M:
-    """The motion, followed until a flight has ended after the motor's stop [s], if there is one, or MOST seconds on.
+    """The motion, followed until a flight has ended after the motor's stop [s], if there is one, or half a minute on.
 
     follow(end): the motion until `end` [s] and its flights (m, 2): lift-off and landing [s], NaN while in the air.
     """
@@ -262,6 +261,6 @@ def until_landed(follow: Callable[[float], tuple[M, Array]], stop: float) -> M:
     while True:
         motion, flights = follow(stop + tail)
         airborne = flights.size > 0 and math.isnan(flights[-1, 1])
-        if not airborne or (flights[:, 1] > stop).any() or tail > MOST:
+        if not airborne or (flights[:, 1] > stop).any() or tail > 30.0:
             return motion
         tail *= 2.0

@@ -16,8 +16,6 @@ from jumpvision.jumper.physics.sand.laws import elastic
 from .forcing import Forcing, Loop, Segments
 from .model import Model
 
-NODES = 20  # of the energy of a spring's law: exact to a power of 39 of its extension
-
 
 def acceleration(law: Forcing, t: Array) -> Array:
     """X_m'' [m/s^2] at the times t (n,) [s], without the impulses of velocity steps; 0 outside the law."""
@@ -123,6 +121,6 @@ def energy_ledger(
 
 def stored(model: Model, m: Mechanism, stretch: float) -> float:
     """What a law of the spring that depends on its extension alone [m] has stored [J], by Gauss's rule."""
-    at, weight = np.polynomial.legendre.leggauss(NODES)
+    at, weight = np.polynomial.legendre.leggauss(20)  # exact to a power of 39 of the extension
     force = model.force(m, stretch=0.5 * stretch * (at + 1.0))
     return float(-0.5 * stretch * np.sum(weight * force))

@@ -200,9 +200,6 @@ def from_log(time: ArrayLike, position: ArrayLike, sigma: float) -> Spline:
     return Spline(np.append(pp.x[inside], pp.x[inside[-1] + 1]), np.ascontiguousarray(pp.c[:, inside]), sigma)
 
 
-MOVED, STILL = 5.0, 2.0  # sigma from the first reading: moved, or not yet (an encoder of step q: 1.4, 0.6 q)
-
-
 def from_motion(time: ArrayLike, position: ArrayLike, sigma: float) -> Spline:
     """`from_log` of a log from its last reading at rest before the motor first moves; it stands still until then.
 
@@ -211,12 +208,10 @@ def from_motion(time: ArrayLike, position: ArrayLike, sigma: float) -> Spline:
     """
     t, x = np.asarray(time, float), np.asarray(position, float)
     away = np.abs(x - x[0])
-    still = np.flatnonzero(away[: int(np.argmax(away > MOVED * sigma))] <= STILL * sigma)
+    # 5 sigma from the first reading it has moved, by 2 not yet (an encoder of step q: 1.4, 0.6 q)
+    still = np.flatnonzero(away[: int(np.argmax(away > 5.0 * sigma))] <= 2.0 * sigma)
     begin = min(int(still[-1]) if still.size else 0, t.size - 4)  # a cubic needs four
     return from_log(t[begin:], x[begin:], sigma)
-
-
-RANGE = 20001  # times at which the range of a command is looked for
 
 
 @dataclass(frozen=True)
@@ -264,7 +259,8 @@ class Loop:
         """Ends of the travel of X_m [m]."""
         if math.isinf(self.stroke):
             return -math.inf, math.inf
-        x = self.command(np.linspace(self.start, self.stop, RANGE))[0]
+        # times at which the range of a command is looked for
+        x = self.command(np.linspace(self.start, self.stop, 20001))[0]
         rest = float(self.command(self.start - 1.0)[0][0])
         low = min(max(0.5 * float(x.min() + x.max() - self.stroke), rest - self.stroke), rest)
         return low, low + self.stroke

@@ -25,7 +25,6 @@ GROUNDS = ("hard", "granular")
 
 OF_BED = {"R": "foot_radius", "phi": "volume_fraction", "rho": "grain_density"}
 """Symbol of a law -> field of a Model."""
-SURFACE = 1e-6  # m: where it is looked at what has no slope at 0, as a root of depth
 
 
 @dataclass(frozen=True)
@@ -190,7 +189,7 @@ class Model:
         """Drag over v^2, and growth of the mass with depth [kg/m], where the foot enters the bed."""
         drags = [m.expression.root for m in self.acting(Body.DRAG) if m.expression]
         masses = [m.expression.root for m in self.acting(Body.INERTIA) if m.expression]
-        for z in (0.0, SURFACE):
+        for z in (0.0, 1e-6):  # m: a root of depth has no slope at 0
             with np.errstate(all="ignore"):
                 drag = sum((self.value(x, z=z, v=1.0) for x in drags), 0.0)
                 grown = sum((self.value(derivative(x, "z"), z=z) for x in masses), 0.0)
@@ -235,7 +234,7 @@ class Model:
         state: the symbols of `record.STATE` that the laws ask for (and a, of an inertia), arrays (n,) or numbers. Laws
         of the ground hold while the foot intrudes: mask the rest. ValueError names a symbol that lacks.
         """
-        arrays: dict[str, Any] = {n: np.asarray(x, float) for n, x in state.items()}
+        arrays: dict[str, Array] = {n: np.asarray(x, float) for n, x in state.items()}
         out = {}
         for m in self.acting(*FORCES):
             for n in (*m.symbols, *(("a",) if m.acts_on is Body.INERTIA else ())):

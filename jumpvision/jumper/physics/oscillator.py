@@ -7,9 +7,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from jumpvision.base.arrays import Array
+from jumpvision.base.arrays import AnyArray, Array
 
 RIPPLE = 3.0  # static deflections M g/k by which a foot swings at most after lift-off
 
@@ -32,32 +32,35 @@ def foot_ripple(k: float, m_f: float, M: float, g: float) -> float:
     return m_f / (M + m_f) * RIPPLE * lift_off_amplitude(k, M, g)
 
 
-def natural_frequency(stiffness: Any, mass: Any) -> Any:
+Numbers = float | Array
+
+
+def natural_frequency(stiffness: Numbers, mass: Numbers) -> Any:
     """f_0 = sqrt(k/M) / (2 pi) [Hz]; mass M = m_m + m_r [kg]."""
     return np.sqrt(stiffness / mass) / (2.0 * np.pi)
 
 
-def damping_of(zeta: Any, stiffness: Any, mass: Any) -> Any:
+def damping_of(zeta: Numbers, stiffness: Numbers, mass: Numbers) -> Any:
     """c = 2 zeta sqrt(k M) [N s/m]."""
     return 2.0 * zeta * np.sqrt(stiffness * mass)
 
 
-def amplitude_of(alpha: Any, stiffness: Any, mass: Any, gravity: Any) -> Any:
+def amplitude_of(alpha: Numbers, stiffness: Numbers, mass: Numbers, gravity: Numbers) -> Any:
     """A = M g / (k alpha) [m]."""
     return mass * gravity / (stiffness * alpha)
 
 
-def gravity_of(alpha: Any, stiffness: Any, mass: Any, amplitude: Any) -> Any:
+def gravity_of(alpha: Numbers, stiffness: Numbers, mass: Numbers, amplitude: Numbers) -> Any:
     """g = alpha k A / M [m/s^2]."""
     return alpha * stiffness * amplitude / mass
 
 
-Jumps = Callable[[list[Array]], dict[str, NDArray[Any]]]
+Jumps = Callable[[list[Array]], dict[str, AnyArray]]
 
 
 def best_jump(
     jumps: Jumps, low: ArrayLike, high: ArrayLike, *, points: int, rounds: int, key: str
-) -> tuple[Array, dict[str, NDArray[Any]]]:
+) -> tuple[Array, dict[str, AnyArray]]:
     """Where jumps(...)[key] is greatest, and the results there.
 
     low, high: (..., d) corners of the boxes searched. jumps takes d arrays of shape (..., n) and returns arrays of

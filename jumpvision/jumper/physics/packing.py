@@ -6,14 +6,14 @@ import itertools
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TypeGuard
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import Array
-from jumpvision.base.schema import check_value, closest, type_of
+from jumpvision.base.schema import Toml, check_value, closest, type_of
 from jumpvision.jumper.mechanisms.record import Body
 from jumpvision.jumper.mechanisms.registry import ModelParameters, acting
 
@@ -21,9 +21,6 @@ from .batch import BY_AREA, OF_MODEL
 
 GRID = 301  # trial places of the kink
 DRAWS = 2000  # of noise, for the distribution of the test without a kink
-CHI2_95 = 3.841  # 95 % point of chi2 with one degree of freedom
-ROUNDED = 5e-4  # half of the last of three decimals, to which volume fractions are told
-SIGMAS = 3.0  # of a volume fraction, by which a law reaches beyond its ends
 
 
 @dataclass(frozen=True)
@@ -38,7 +35,8 @@ class PackingLaw:
 
     def __call__(self, phi: ArrayLike, sigma: float = 0.0) -> Array:
         """The parameter at phi (...), of standard uncertainty sigma. ValueError out of the reach of the law."""
-        x, reach = np.asarray(phi, float), max(ROUNDED, SIGMAS * sigma)
+        # half of the last of three decimals, to which volume fractions are told, or three sigmas
+        x, reach = np.asarray(phi, float), max(5e-4, 3.0 * sigma)
         off = np.where(np.isfinite(x), self.beyond(x), math.inf)
         if (off > reach).any():
             ends = f"{self.phi[0]:g} to {self.phi[-1]:g}"
@@ -123,7 +121,7 @@ def fit_packing_law(
     (value_c, below, above), chi2 = _linear(at, x, y, w)
     scatter = max(1.0, chi2 / max(x.size - 4, 1))
     j = _jacobian(x - at, below, above) * w[:, None]
-    inside = trial[profile <= chi2 + CHI2_95 * scatter]
+    inside = trial[profile <= chi2 + 3.841 * scatter]  # 95 % point of chi2 with one degree of freedom
     return PackingFit(
         phi_c=at,
         value_c=value_c,
@@ -225,12 +223,12 @@ class Laws:
         """These laws but those of the names."""
         return Laws({n: law for n, law in self.laws.items() if n not in set(names)}, self.foot_radius, self.source)
 
-    def plain(self) -> dict[str, Any]:
+    def plain(self) -> dict[str, object]:
         """For JSON."""
         return {n: asdict(law) for n, law in self.laws.items()} | {"foot_radius": self.foot_radius}
 
 
-def laws_from(table: Mapping[str, Any], where: str) -> tuple[Laws | None, list[str]]:
+def laws_from(table: Toml, where: str) -> tuple[Laws | None, list[str]]:
     """The laws of a table (foot_radius, source, and a law a parameter), or every problem, each beginning with where."""
     problems: list[str] = []
     entries = dict(table)
@@ -259,11 +257,11 @@ def laws_from(table: Mapping[str, Any], where: str) -> tuple[Laws | None, list[s
     return (None, problems) if problems else (Laws(laws, None if radius is None else float(radius), source), [])
 
 
-def _number(value: Any) -> bool:
+def _number(value: object) -> TypeGuard[float]:
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
-def _law(entry: Any) -> PackingLaw | str:
+def _law(entry: object) -> PackingLaw | str:
     """The law of one entry, or what is wrong with it."""
     if _number(entry):
         return PackingLaw((0.0, 1.0), (float(entry), float(entry)))

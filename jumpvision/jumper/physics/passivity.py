@@ -16,7 +16,6 @@ from .model import Model
 
 POINTS = 25  # of an argument's range
 CYCLES, STEPS = 6, 400  # of a motion in which an internal state settles
-TOLERANCE = 1e-6  # of the greatest force: rounding, not energy
 Range = tuple[float, float]
 POSITIONS = {Body.FOOT: ("z",), Body.CARRIAGE: ("x_m", "x_r"), Body.SPRING: ("stretch",)}
 RATES = {Body.FOOT: "v", Body.CARRIAGE: "v_m", Body.SPRING: "stretch_rate"}
@@ -70,7 +69,7 @@ def is_passive(model: Model, law: Mechanism, seen: Mapping[str, Range], *, alone
             return np.broadcast_to(total, (*grid[names[0]].shape, speed.size))
 
         down = force(-1.0)
-        small = TOLERANCE * float(np.max(np.abs(down)))
+        small = 1e-6 * float(np.max(np.abs(down)))  # less is rounding, not energy
         if law.acts_on is Body.FOOT:
             if np.min(down) < -small:
                 return False

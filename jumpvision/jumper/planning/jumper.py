@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from jumpvision.base.schema import InputError
 from jumpvision.engine.laws.derivative import derivative
@@ -19,6 +19,11 @@ from jumpvision.jumper.mechanisms.record import FORCES, Body, Mechanism
 from jumpvision.jumper.physics.model import Model
 from jumpvision.jumper.physics.sand.jump import equilibrium
 from jumpvision.jumper.physics.sand.laws import REST, left_over, motor_of, static
+
+if TYPE_CHECKING:
+    import casadi as ca
+
+    Value = float | ca.SX  # a number, or a symbol of CasADi
 
 STUCK, INTRUDE, AIR = "stuck", "intrude", "air"
 SLIP = 0.01  # m/s, over which the rail's Coulomb friction changes its sign
@@ -36,10 +41,10 @@ class Drive:
 class Memory:
     """What the ground remembers: depths [m] of the hole's floor, of the last lift-off and the last pause (0: none)."""
 
-    floor: Any
-    hole: Any = 0.0
-    pause: Any = 0.0
-    left: Any = 0.0  # m, of the overshoots before the last pause (`record.STATE`'s z_left)
+    floor: Value
+    hole: Value = 0.0
+    pause: Value = 0.0
+    left: Value = 0.0  # m, of the overshoots before the last pause (`record.STATE`'s z_left)
     moved: bool = False  # the foot has intruded before
     landed: bool = False  # the foot has left the ground before
 
@@ -50,14 +55,14 @@ class State(NamedTuple):
     y, w: the centre of mass of motor and rod and its rate; X, V: the motor on the rod; x_f, v_f: the foot.
     """
 
-    y: Any
-    w: Any
+    y: Value
+    w: Value
     X: Any = None
     V: Any = None
     x_f: Any = None
     v_f: Any = None
 
-    def of(self, names: Iterable[str]) -> list[Any]:
+    def of(self, names: Iterable[str]) -> list[Value]:
         """The states of these names, in their order."""
         return [getattr(self, n) for n in names]
 
@@ -69,15 +74,15 @@ class State(NamedTuple):
 class Dynamics(NamedTuple):
     """What the equations of motion give in one state; SI, up positive."""
 
-    rates: list[Any]  # of the states, in their order
-    rod: Any
-    rod_rate: Any
-    foot: Any
-    foot_rate: Any
-    X: Any  # of the motor on the rod
-    V: Any
-    force: Any  # F_m
-    push: Any  # on the ground
+    rates: list[Value]  # of the states, in their order
+    rod: Value
+    rod_rate: Value
+    foot: Value
+    foot_rate: Value
+    X: Value  # of the motor on the rod
+    V: Value
+    force: Value  # F_m
+    push: Value  # on the ground
 
 
 @dataclass(frozen=True)
@@ -122,7 +127,7 @@ class Jumper:
         assert m.expression is not None
         return smooth(m.expression.root, self.round_off, SLIP)
 
-    def sum_of(self, *bodies: Body, **symbols: Any) -> Any:
+    def sum_of(self, *bodies: Body, **symbols: Value) -> Value:
         """Of the laws on these bodies, in their unit; symbols win over the model's parameters."""
         return sum((self.model.value(self.tree(m), self.xp, **symbols) for m in self.model.acting(*bodies)), 0.0)
 
@@ -141,7 +146,7 @@ class Jumper:
         """x_r of the robot at rest [m]."""
         return equilibrium(self.model)[0]
 
-    def rail(self, v_m: Any, x_r: Any, X: Any) -> Any:
+    def rail(self, v_m: Value, x_r: Value, X: Value) -> Value:
         """Force of the rail on the carriage [N]; where it jumps at rest, smooth over SLIP for its set-valued law.
 
         The re-simulation has that.
@@ -154,7 +159,7 @@ class Jumper:
         slopes = [derivative(self.tree(m), "v_m") for m in self.model.acting(Body.CARRIAGE)]
         return -sum(self.model.value(x) for x in slopes if not x.symbols & {*Body.CARRIAGE.symbols})
 
-    def static_force(self, z: Any, memory: Memory) -> Any:
+    def static_force(self, z: Value, memory: Memory) -> Value:
         """F_p(z) [N] with its overshoots, also the yield threshold."""
         hole = memory.hole if memory.landed else 0.0
         force = self.model.value(self._static, self.xp, z=z, z_g=hole)
@@ -164,22 +169,22 @@ class Jumper:
     def _static(self) -> Node:
         return smooth(static(self.mechanisms), self.round_off, SLIP)
 
-    def left(self, z: Any, memory: Memory) -> Any:
+    def left(self, z: Value, memory: Memory) -> Value:
         """`z_left` of a pause at z [m]."""
         law = left_over(self.mechanisms)
         given = {"z": z, "z_stop": memory.pause, "z_left": memory.left}
         return self.model.value(law, self.xp, **given) if law else 0.0
 
-    def yield_force(self, memory: Memory) -> Any:
+    def yield_force(self, memory: Memory) -> Value:
         """What the ground carries at the floor before the foot moves [N]: own laws too, as motion begins."""
         given = {"z": memory.floor, "v": -REST, "z_g": memory.hole, "z_stop": memory.pause, "z_left": memory.left}
         return self.static_force(memory.floor, memory) + self.sum_of(Body.FOOT, **given)
 
-    def foot_inertia(self, z: Any) -> Any:
+    def foot_inertia(self, z: Value) -> Value:
         """m_f + m_a(z) [kg]."""
         return self.model.m_f + self.sum_of(Body.INERTIA, z=z)
 
-    def equations(self, mode: str, s: State, command: tuple[Any, Any, Any], memory: Memory) -> Dynamics:
+    def equations(self, mode: str, s: State, command: tuple[Value, Value, Value], memory: Memory) -> Dynamics:
         """Rates of the states, positions, motor force and push; command: X_c [m], X_c' [m/s], X_c'' [m/s^2]."""
         m, d = self.model, self.drive
         x_c, v_c, a_c = command
@@ -234,7 +239,7 @@ class Jumper:
             push=push,
         )
 
-    def _acceleration(self, X: Any, command: tuple[Any, Any, Any]) -> Any:
+    def _acceleration(self, X: Value, command: tuple[Value, Value, Value]) -> Value:
         """X_m'' of a motor that follows its command by laws."""
         given = dict(zip(("X_c", "V_c", "A_c"), command))
         return self.model.value(motor_of(self.mechanisms)[1], self.xp, X=X, **given)

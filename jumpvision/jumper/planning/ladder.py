@@ -14,8 +14,6 @@ from .plan import Plan, Planner
 from .solve import Solution
 
 CONTINUOUS = 0.25  # change of the trajectory in one step, of the motor's travel; beyond it the solver went elsewhere
-HALVED = 4  # times at most, a step that is not continuous
-PLACES = 400  # in time, at which trajectories are compared
 
 Branch = list[Solution | None]
 
@@ -67,7 +65,7 @@ def follow(planner: Planner, at: Solution, apex: float, halved: int = 0) -> Solu
     found = planner.solver(planner.objective).solve(apex, planner.limits, warm=at)
     if found.solved and changed(at, found) < CONTINUOUS:
         return found
-    if halved == HALVED:
+    if halved == 4:  # times at most
         return None
     middle = follow(planner, at, 0.5 * (at.apex + apex), halved + 1)
     return middle and follow(planner, middle, apex, halved + 1)
@@ -76,6 +74,6 @@ def follow(planner: Planner, at: Solution, apex: float, halved: int = 0) -> Solu
 def changed(a: Solution, b: Solution) -> float:
     """Greatest difference of two commands before take-off, to which both are aligned, over the greater travel."""
     off = [float(s.durations[:-1].sum()) for s in (a, b)]
-    before = np.linspace(0.0, max(off), PLACES)
+    before = np.linspace(0.0, max(off), 400)
     x, y = (s.command(np.maximum(t - before, 0.0))[0] for s, t in zip((a, b), off))
     return float(np.abs(x - y).max() / max(np.ptp(x), np.ptp(y)))

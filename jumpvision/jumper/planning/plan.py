@@ -20,7 +20,7 @@ from jumpvision.jumper.physics.sand.jump import Motion, beyond_seen, equilibrium
 
 from .jumper import AIR, INTRUDE, STUCK, Drive, Jumper
 from .solve import Solution, Solver, falling, guessed, starts
-from .transcription import OBJECTIVES, TINY, Guess, Limits, Programme
+from .transcription import OBJECTIVES, Guess, Limits, Programme
 
 MOTIONS: dict[str, dict[str, tuple[str, ...]]] = {
     "single": {"hard": (STUCK, AIR), "granular": (STUCK, INTRUDE, STUCK, AIR)},
@@ -30,14 +30,7 @@ MOTIONS: dict[str, dict[str, tuple[str, ...]]] = {
 }
 """Sequences of phases by name and ground. hop: a preliminary hop; stick: lands and stands still."""
 NEEDS = {("hop", "granular"): "reintrusion_overshoot", ("stop-go", "granular"): "stop_go_overshoot"}
-ACCURATE = 5e-6  # m, between target and re-simulated apex, at which the corrections end
-CORRECTIONS = 4
-PUNCTUAL = 2e-4  # s, of the time above an obstacle
-SOUGHT, BOLD = 16, 2.0  # jumps tried for that time; steps beyond what free flight asks, to have it between two
-STRAY = 0.02  # of the apex, by which a re-simulation may miss it, or move after a landing that sticks
-TAKE_OFF = 0.98  # of the planned time before take-off
 FINER = (1, 2, 3)  # times the usual intervals, until a plan is kept to
-TRIES = 3  # starts before the highest apex is asked for
 
 
 @dataclass(frozen=True)
@@ -94,7 +87,8 @@ class Planner:
                     "follows its command); set kp = 0 or remove the term"
                 ]
             )
-        self.jumper = Jumper(self.model, self.drive, NAMESPACE, TINY)
+        # sizes are rounded off below 1e-4 m and m/s, for roots of them have no derivative at 0
+        self.jumper = Jumper(self.model, self.drive, NAMESPACE, 1e-4)
         self.sequence = MOTIONS[self.motion][self.model.ground]
 
     def solver(self, objective: str) -> Solver:
@@ -130,7 +124,8 @@ class Planner:
         """Whether the re-simulation misses the apex, or does not stand still after a landing that sticks."""
         m = plan.motion
         after = np.ptp(m.rod[m.t > plan.command.stop]) if self.motion == "stick" else 0.0
-        return max(abs(plan.resimulated_apex - plan.apex), after) > STRAY * plan.apex
+        # a re-simulation may miss the apex, or move after a landing that sticks, by 2 % of it
+        return max(abs(plan.resimulated_apex - plan.apex), after) > 0.02 * plan.apex
 
     def _unasked(self, plan: Plan) -> bool:
         """Whether the foot of a landing that is to stick lifts off, however little, before the plan has it so: what
@@ -138,7 +133,8 @@ class Planner:
         if self.motion != "stick":
             return False
         first = next(float(e["time"]) for e in plan.motion.events if e["kind"] == "lift_off")
-        return first < TAKE_OFF * float(plan.durations[: self.sequence.index(AIR)].sum())
+        # 2 % before the planned time is too early
+        return first < 0.98 * float(plan.durations[: self.sequence.index(AIR)].sum())
 
     def _planned(self, apex: float) -> Plan:
         began = time.perf_counter()
@@ -159,7 +155,7 @@ class Planner:
         return self.corrected(apex, solution, solver, began)
 
     def clear(self, height: float, seconds: float) -> Plan:
-        """The jump whose foot is above an obstacle of this height [m] for this time [s], within PUNCTUAL.
+        """The jump whose foot is above an obstacle of this height [m] for this time [s], within 0.2 ms.
 
         Its apex is sought: by free flight (the square of the time grows by 8/g times the apex) until jumps too low and
         too high are known, then between these, by turns at the chord and at the middle.
@@ -168,14 +164,15 @@ class Planner:
         apex = height + g * seconds**2 / 8.0
         low: tuple[float, float] | None = None
         high: tuple[float, float] | None = None
-        for n in range(SOUGHT):
+        for n in range(16):
             plan = self.plan(apex)
             found = above(plan.motion, height)
-            if plan.status != "solved" or abs(found - seconds) < PUNCTUAL:
+            if plan.status != "solved" or abs(found - seconds) < 2e-4:
                 return plan
             low, high = ((apex, found), high) if found < seconds else (low, (apex, found))
             if low is None or high is None:
-                apex += BOLD * g * (seconds**2 - found**2) / 8.0
+                # twice what free flight asks, to have it between two
+                apex += 2.0 * g * (seconds**2 - found**2) / 8.0
             else:
                 share = (seconds - low[1]) / (high[1] - low[1]) if n % 2 else 0.5
                 apex = low[0] + share * (high[0] - low[0])
@@ -185,8 +182,8 @@ class Planner:
         return next(starts(self.jumper, apex, self.limits.stroke))
 
     def search(self, apex: float) -> Solution | None:
-        """The first of TRIES starts that leads to a plan."""
-        for _, command in zip(range(TRIES), starts(self.jumper, apex, self.limits.stroke)):
+        """The first of three starts that leads to a plan."""
+        for _, command in zip(range(3), starts(self.jumper, apex, self.limits.stroke)):
             trial = self.solver(self.objective).solve(apex, self.limits, guess=self._guess(command))
             self.say(f"{self.objective}: {trial.status}, {trial.iterations} iterations, {trial.seconds:.2f} s")
             if trial.solved:
@@ -250,9 +247,9 @@ class Planner:
         """Moves the target by what the re-simulated apex misses it."""
         seconds, target = solution.seconds, apex
         plan = self._plan("solved", apex, solution, began)
-        for _ in range(CORRECTIONS):
+        for _ in range(4):
             miss = apex - plan.resimulated_apex
-            if abs(miss) < ACCURATE:
+            if abs(miss) < 5e-6:  # m, between target and re-simulated apex: the corrections end
                 break
             target += miss
             solution = solver.solve(target, self.limits, warm=solution)

@@ -29,7 +29,6 @@ END = {
 STEP = 5e-4  # s
 ONE_THRUST = ((1, 1.0, (0.8, 1.2, 0.6, 1.6)), (1, 1.6, (0.8, 1.2, 1.6)))  # cycles, size, paces (of the spring's)
 PUMPED = ((2, 0.3, (0.8, 1.0, 1.2)), (3, 0.3, (0.8, 1.0)))
-PUSH, PULL = 1.5 * math.pi, 0.5 * math.pi  # start phases [rad]: a single thrust, and a pull before it
 
 
 def starts(jumper: Jumper, apex: float, stroke: float) -> Iterator[Segments]:
@@ -43,14 +42,11 @@ def starts(jumper: Jumper, apex: float, stroke: float) -> Iterator[Segments]:
     usual = min(0.7 * math.sqrt(2.0 * m.g * apex) / rate, 0.45 * stroke)
     for cycles, size, paces in ONE_THRUST[:1] + PUMPED + ONE_THRUST[1:]:
         for pace in paces:
-            for phase in (PUSH, PULL):
+            for phase in (1.5 * math.pi, 0.5 * math.pi):  # rad: a single thrust, and a pull before it
                 yield sinusoid(pace * rate / (2 * math.pi), min(size * usual, 0.5 * stroke), phase, cycles)
 
 
-HIGH = 0.05  # m, of a jump
-
-
-def falling(gravity: float, apex: float = HIGH) -> float:
+def falling(gravity: float, apex: float = 0.05) -> float:  # m, of a jump
     """Time [s] in which a jump is surely over under weak gravity: three of its falls."""
     return 3.0 * math.sqrt(2.0 * apex / gravity)
 
@@ -104,17 +100,14 @@ def guessed(jumper: Jumper, sequence: tuple[str, ...], command: Forcing) -> Gues
     return Guess(phases, sample)
 
 
-TOLERANCE = 1e-7
-MAX_ITERATIONS = 250
 LONGEST = 3.0  # of a phase, in periods of the spring
 WIDEST = 1.0  # m, travel where no stroke is given
-HIT = 1e-3  # of a limit, within which it is called active
 OPTIONS: dict[str, Any] = {
     "print_time": False,
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
-    "ipopt.tol": TOLERANCE,
-    "ipopt.max_iter": MAX_ITERATIONS,
+    "ipopt.tol": 1e-7,
+    "ipopt.max_iter": 250,
     "ipopt.mu_strategy": "adaptive",
     "ipopt.mumps_pivot_order": 6,  # QAMD: 10 % less time an iteration than the automatic choice, and fewer iterations
     "ipopt.acceptable_tol": 1e-5,
@@ -234,7 +227,7 @@ class Solver:
         for name in limits.bounds():
             rows = self.names == name
             low, high = bounds["lbg"][rows], bounds["ubg"][rows]
-            near = HIT * high
+            near = 1e-3 * high  # within a thousandth of a limit it is called active
             if (g[rows] > high - near).any() or (name != "stroke" and (g[rows] < low + near).any()):
                 active.append(name)
         apex, apex_time = (float(value) for value in self._apex(x))

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -20,7 +20,8 @@ from jumpvision.base.arrays import Array
 
 from .jumper import AIR, INTRUDE, STUCK, Dynamics, Jumper, Memory, State
 
-TINY = 1e-4  # m, m/s: below it the size of a quantity is rounded off, for roots of it have no derivative at 0
+if TYPE_CHECKING:
+    from .jumper import Value
 
 OBJECTIVES = ("effort", "height", "power", "energy")
 SCALE = {
@@ -40,8 +41,6 @@ SCALE = {
 }
 DEGREE = 3  # collocation points of an interval (Radau, of order 2 DEGREE - 1)
 INTERVALS = {STUCK: 8, INTRUDE: 9, AIR: 6}
-ON_HARD = 16  # intervals of a contact with hard ground, which holds a whole push-off
-SLOWEST = 0.05  # m/s in the middle of an intrusion: a foot that nearly stops meets forces that the model has not
 SHORTEST = 2e-3  # s, of a phase
 MARGIN = 0.1  # of the weight by which a resting foot keeps from lifting or yielding before the end of its phase
 SPAN = 0.05  # s, of a push-off: makes an integral of order 1
@@ -109,17 +108,17 @@ class Programme:
     limits: Limits  # those that are finite have rows, whose bounds may change from solve to solve
     finer: int = 1  # times as many intervals
     unknowns: list[Unknown] = field(default_factory=list)
-    symbols: list[Any] = field(default_factory=list)
+    symbols: list[ca.SX] = field(default_factory=list)
     rows: list[Row] = field(default_factory=list)
-    values: list[Any] = field(default_factory=list)
+    values: list[Value] = field(default_factory=list)
 
-    def unknown(self, kind: str, phase: int, place: float) -> Any:
+    def unknown(self, kind: str, phase: int, place: float) -> ca.SX:
         """A new scalar unknown in SI units."""
         self.unknowns.append(Unknown(kind, phase, place))
         self.symbols.append(ca.SX.sym(f"{kind}{phase}"))
         return SCALE[kind] * self.symbols[-1]
 
-    def row(self, value: Any, low: float, high: float, scale: float, name: str = "") -> None:
+    def row(self, value: Value, low: float, high: float, scale: float, name: str = "") -> None:
         """low <= value <= high, in units of scale."""
         self.rows.append(Row(name, low, high, scale, 1))
         self.values.append(value / scale)
@@ -131,18 +130,22 @@ class Programme:
 
     def intervals(self, mode: str) -> int:
         """Intervals of a phase."""
-        usual = ON_HARD if mode == STUCK and self.jumper.model.ground == "hard" else INTERVALS[mode]
+        # intervals on hard ground: one contact holds a whole push-off
+        usual = 16 if mode == STUCK and self.jumper.model.ground == "hard" else INTERVALS[mode]
         return self.finer * usual
 
-    def build(self) -> dict[str, ca.SX]:
+    def build(self) -> dict[str, Value]:
         """The programme {x, f, g} for `casadi.nlpsol`."""
         j = self.jumper
         self.low = self.unknown("low", 0, 0.0)
-        self.peak = self.unknown("peak", 0, 0.0) if self.objective == "power" else 0.0
-        self.command, self.totals = (0.0, 0.0), dict.fromkeys(("heat", "smooth", "work"), 0.0)
+        self.peak: Value = self.unknown("peak", 0, 0.0) if self.objective == "power" else 0.0
+        self.command: tuple[Value, Value] = (0.0, 0.0)
+        self.totals: dict[str, Value] = dict.fromkeys(("heat", "smooth", "work"), 0.0)
         memory = Memory(floor=-self.rest[1])
         state = State(y=self.rest[0], w=0.0, X=0.0, V=0.0, x_f=self.rest[1], v_f=0.0)
-        time, apex = 0.0, None
+        time: Value = 0.0
+        apex: Value | None = None
+        apex_time: Value
         for i, (mode, following) in enumerate(zip(self.sequence, (*self.sequence[1:], None))):
             duration, end = self._phase(i, mode, state, memory)
             time = time + duration
@@ -164,7 +167,7 @@ class Programme:
             self.row(apex_time, 0.0, self.limits.by, SCALE["T"], "time")
         return {"x": ca.vertcat(*self.symbols), "f": self._cost(), "g": ca.vertcat(*self.values)}
 
-    def _phase(self, i: int, mode: str, state: State, memory: Memory) -> tuple[Any, State]:
+    def _phase(self, i: int, mode: str, state: State, memory: Memory) -> tuple[ca.SX, State]:
         """Duration [s] and states at the end of phase i, with its collocation equations and inequalities as rows."""
         tau = ca.collocation_points(DEGREE, "radau")
         C, _, B = (np.asarray(a, float) for a in ca.collocation_coeff(tau))
@@ -195,7 +198,7 @@ class Programme:
             self.row(self.command[1] - v_c - h * a_c, 0.0, 0.0, SCALE["v_c"])
         return duration, State(**dict(zip(names, ca.vertsplit(at))))
 
-    def _spend(self, e: Dynamics, dt: Any, phase: int, place: float) -> None:
+    def _spend(self, e: Dynamics, dt: ca.SX, phase: int, place: float) -> None:
         """Adds a point of weight dt [s] to the integrals of the objectives."""
         power = e.force * e.V
         self.totals["heat"] += dt * (e.force / self.weight) ** 2
@@ -206,7 +209,7 @@ class Programme:
             self.row(spent - power, 0.0, math.inf, SCALE["work"])
             self.totals["work"] += dt * spent
 
-    def _cost(self) -> Any:
+    def _cost(self) -> Value:
         """The objective, of order 1, with a little effort and smoothness where it leaves the command open."""
         heat, smooth = self.totals["heat"] / SPAN, self.totals["smooth"] / SPAN
         if self.objective == "effort":
@@ -221,7 +224,8 @@ class Programme:
     def _hold(self, mode: str, e: Dynamics, memory: Memory, place: float, late: bool) -> None:
         """The inequalities under which a mode lasts; its end is `_change`'s. late: in the last interval."""
         if mode == INTRUDE:
-            self.row(e.foot_rate, -math.inf, -SLOWEST * 4.0 * place * (1.0 - place), 0.5)
+            # m/s in the middle: a foot that nearly stops meets forces that the model has not
+            self.row(e.foot_rate, -math.inf, -0.05 * 4.0 * place * (1.0 - place), 0.5)
         if place == 1.0:
             return
         if mode == STUCK and self.jumper.massless:
@@ -281,7 +285,7 @@ class Programme:
         if self.jumper.drive.kp > 0:
             self.row(e.V, 0.0, 0.0, SCALE["V"])
 
-    def _turn(self, state: State, e: Dynamics) -> Any:
+    def _turn(self, state: State, e: Dynamics) -> Value:
         """Apex of the rod over rest [m] where the mass centre turns, with the motor at its place of rest: the rod's own
         height would count what the motor only pulls it up."""
         com, rate = self._whole(state)
@@ -294,20 +298,22 @@ class Programme:
         """Mass of the robot [kg]."""
         return self.jumper.model.M + self.jumper.model.m_f
 
-    def _whole(self, state: State) -> tuple[Any, Any]:
+    def _whole(self, state: State) -> tuple[Value, Value]:
         """Height and rate of the whole robot's mass centre."""
         if self.jumper.massless:
             return state.y, state.w
         m = self.jumper.model
         return (m.M * state.y + m.m_f * state.x_f) / self.total, (m.M * state.w + m.m_f * state.v_f) / self.total
 
-    def _ballistic(self, state: State, time: Any) -> tuple[Any, Any]:
+    def _ballistic(self, state: State, time: Value) -> tuple[Value, Value]:
         """Apex of the rod over rest [m] and its time: free flight of the mass centre, spring and motor settled."""
         m, total = self.jumper.model, self.total
         y, w = self._whole(state)
         self.row(w, 0.0, math.inf, 0.5)
         drag = self.jumper.damping / total
         g = m.g + m.hold / total
+        left: Value
+        rise: Value
         if drag:
             left = ca.log(1.0 + drag * w / g) / drag
             rise = w / drag - g / drag * left

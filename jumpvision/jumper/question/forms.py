@@ -1,7 +1,7 @@
 """Laws that no vocabulary lists: forces, masses and instruments built from a few factors, as candidates of a diagnosis.
 
 A form is a strength times a factor of the rate, one of the position and one of memory. Exponents, lengths, speeds and
-times are free; so many of them at once that a law stays one that a person would write (COMPLEX).
+times are free; so many of them at once that a law stays one that a person would write.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ from .jumper import Jumper
 
 DEPTH, SPEED, STRETCH = 0.02, 0.5, 0.02  # m, m/s, m: typical, at which powers are 1
 SHARE = 0.1  # of the weight: a force that matters, at the typical depth and speed
-COMPLEX = 2  # free shape parameters of a form beside its strength
 POWERS = (0.5, 1.0, 1.5, 2.0)
 
 
@@ -155,7 +154,7 @@ Named = Sequence[tuple[str, Factor]]
 def _combined(body: str, rates: Named, places: Named, memories: Named, size: float, sign: str) -> list[Mechanism]:
     out = []
     for (a, rate), (b, place), (c, memory) in product(rates, places, memories):
-        if rate.free + place.free + memory.free > COMPLEX or (a, b, c) == ("dry", "", ""):
+        if rate.free + place.free + memory.free > 2 or (a, b, c) == ("dry", "", ""):
             continue  # the dry friction of the rail is the vocabulary's
         if a == "lin" and place is not RAIL_PATCH:
             continue  # a power has it

@@ -129,7 +129,7 @@ class Jumper:
     ) -> Parameter:
         held = [m.parameters for m in self.bases.values()]
         given_in = next((p for p in held if getattr(p, name, None) is not None), held[0])
-        owner: Any = self.model if name in ROBOT else given_in
+        owner = self.model if name in ROBOT else given_in
         meta = type(owner).__dataclass_fields__[name].metadata
         given = getattr(owner, name) if given is None else given
         if given is None and limits is None:

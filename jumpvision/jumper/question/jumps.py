@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,6 @@ from jumpvision.jumper.physics.sand.jump import Motion
 
 LANDINGS = 2  # after the motor stopped; later bounces tell of chaos more than of the model
 PARTS = ("pre_load", "intrusion", "push_off", "flight", "landing", "re_intrusion")
-DITHER = 1.0  # rounding steps: readings at rest that scatter by more leave nothing of the rounding
 
 
 @dataclass(frozen=True)
@@ -55,7 +53,7 @@ class Jump:
     group: str
     condition: str
     law: bool
-    labels: Mapping[str, Any] = field(default_factory=dict)
+    labels: Mapping[str, object] = field(default_factory=dict)
     sigma: Array | None = None
     shared: Shared = field(default_factory=Shared)
 
@@ -64,7 +62,8 @@ def coarseness(jumps: Sequence[Jump]) -> float:
     """Rounding step [m] of the tracks that their noise does not dither; 0 where there is none."""
     step = max(rounding_step(j.y) for j in jumps)
     rest = [r for j in jumps if (r := j.y[j.t < j.forcing.start]).size >= 6]
-    return 0.0 if rest and math.sqrt(np.mean([r.var() for r in rest])) > DITHER * step else step
+    # readings at rest that scatter by more than a step leave nothing of the rounding
+    return 0.0 if rest and math.sqrt(np.mean([r.var() for r in rest])) > step else step
 
 
 def observation(jump: Jump, motion: Motion, coarse: float) -> Observation:
@@ -111,7 +110,6 @@ def parts_of(motion: Motion, jump: Jump) -> NDArray[np.str_]:
 
 
 KINDS = {"scale": (1.0, "1"), "offset": (0.0, "s"), "rate": (0.0, "1"), "lens": (0.0, "1")}  # declared value, unit
-REACH = 8.0  # sigmas that a fit may go
 
 
 def groups(jumps: Sequence[Jump]) -> list[int]:
@@ -133,7 +131,7 @@ def common(jumps: Sequence[Jump]) -> tuple[Parameter, ...]:
         for kind, sigma in sigmas.items():
             if sigma > 0:
                 value, unit = KINDS[kind]
-                ends = value - REACH * sigma, value + REACH * sigma
+                ends = value - 8.0 * sigma, value + 8.0 * sigma  # as far as a fit may go
                 name = Indexed(kind, k)
                 out[name] = Parameter(name, value, *ends, sigma, sigma, unit)
     return tuple(out.values())

@@ -36,7 +36,6 @@ from jumpvision.jumper.question.jumps import coarseness
 from .quiet import STEPS, differences, flights, rest, ring_of, steadied
 from .sources import combined, of_statements, of_stretches, only_stated, with_stated
 
-ENOUGH = 8  # jumps that tell the frequency of the foot in flight
 FINEST = 1.0 / 3.0  # of the typical noise: what all tracks share, as the motor's log, is not seen at rest or in flight
 
 
@@ -213,7 +212,7 @@ def _alone(system: Jumper, weights: Sequence[Array], least: float, coarse: float
             replace(x, track=i) for i in which for x in flights(system.jumps[i], weights[i], about[i], coarse, ring)
         ]
 
-    some = every[:: max(1, len(every) // ENOUGH)]
+    some = every[:: max(1, len(every) // 8)]  # eight jumps tell the frequency of the foot in flight
     ring = ring_of(lambda a: aloft(a, some)) if any(j.model.m_f > 0 for j in system.jumps) else 1.0
     quiet["flight"] = aloft(ring, every)
     return quiet

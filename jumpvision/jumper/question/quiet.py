@@ -18,15 +18,9 @@ from jumpvision.jumper.physics.oscillator import foot_ripple
 from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.jumps import Jump
 
-REST = 6  # samples at least
 SHORTEST = 16  # samples of a flight
-EDGE, SHARE = 3, 0.08  # samples, and share of a flight, that are left out at either end: sand lets go gently
-FIRST = 3  # flights after the motor's stop: later bounces hardly leave the ground
-FALL = 0.3  # of g: how near to free fall the whole of a flight must be
-GAP = 3.5  # frames without a reading that end a flight
 DEGREE = 4  # of a flight's course: gravity along the rail, and friction on it, are not taken for granted
 RINGS = (1.0, 0.9, 1.1, 0.8, 1.2)  # of the foot's frequency on its spring, which the model may have wrong
-ALLOWED = 0.01  # chance that a flight is trimmed further although its course is a polynomial
 
 
 def rest(jump: Jump, factor: Array) -> Stretch | None:
@@ -35,7 +29,7 @@ def rest(jump: Jump, factor: Array) -> Stretch | None:
     factor: (n,) on the noise of every reading of the track.
     """
     here = at_rest(jump.t, jump.forcing.start)
-    if int(here.sum()) < REST:
+    if int(here.sum()) < 6:  # samples at least
         return None
     t = jump.t[here]
     return Stretch(t, jump.y[here], powers(t, 1), factor[here])
@@ -54,18 +48,20 @@ def flights(jump: Jump, factor: Array, sigma: float, coarse: float, ring: float)
     frame = float(np.median(np.diff(jump.t)))
     ripple = foot_ripple(m.k_s, m.m_f, m.M, m.g) / math.sqrt(2.0) if m.m_f > 0 else 0.0
     out = []
-    for piece in np.split(np.arange(t.size), np.flatnonzero(np.diff(t) > GAP * frame) + 1):
+    # so many frames without a reading end a flight
+    for piece in np.split(np.arange(t.size), np.flatnonzero(np.diff(t) > 3.5 * frame) + 1):
         about = np.hypot(sigma * factor[piece], ripple)
         for i, j in in_flight(t[piece], y[piece], about, gravity=m.g):
-            edge = max(EDGE, round(SHARE * (j - i)))
+            edge = max(3, round(0.08 * (j - i)))  # left out at either end: sand lets go gently
             here = piece[i + edge : j - edge]
-            if here.size < SHORTEST or abs(_fall(t[here], y[here]) / m.g - 1.0) > FALL:
+            # the whole of a flight must be as near as 0.3 g to free fall
+            if here.size < SHORTEST or abs(_fall(t[here], y[here]) / m.g - 1.0) > 0.3:
                 continue
             if coarse > 0:
                 here = here[step_apart(_smooth(t[here], y[here]), coarse)]
             if (x := _course(jump, t[here], y[here], factor[here], ring)) is not None:
                 out.append(x)
-            if len(out) == FIRST:
+            if len(out) == 3:  # after the motor's stop: later bounces hardly leave the ground
                 return out
     return out
 
@@ -96,7 +92,8 @@ def _course(jump: Jump, t: Array, y: Array, factor: Array, ring: float) -> Stret
         if free < 4:
             return None
         left, less = _squares(x), _squares(higher)
-        if scipy.special.fdtrc(2, free, (left - less) / 2.0 / max(less / free, 1e-300)) > ALLOWED:
+        # chance that a flight is trimmed further although its course is a polynomial
+        if scipy.special.fdtrc(2, free, (left - less) / 2.0 / max(less / free, 1e-300)) > 0.01:
             return x
         t, y, factor = t[1:-1], y[1:-1], factor[1:-1]
     return None
@@ -120,8 +117,6 @@ def _squares(x: Stretch) -> float:
 
 
 STEPS = {"start": 1e-5, "bed": 1e-3}  # of the derivatives by what scatters
-SHARED_SAMPLES = 12  # of two trials, at least
-SLOW = 3  # degree of the wander that is taken off where the noise is learned
 
 
 def differences(system: Jumper, factors: Sequence[Array]) -> list[Stretch]:
@@ -141,7 +136,7 @@ def differences(system: Jumper, factors: Sequence[Array]) -> list[Stretch]:
         each = [(_at(first.t, jumps[i], jumps[i].y), _at(first.t, jumps[i], factors[i])) for i in trials]
         for k, (apart, spread) in enumerate(between(each), 1):
             good = np.isfinite(apart) & (first.t < first.stop + 0.05)
-            if good.sum() < SHARED_SAMPLES:
+            if good.sum() < 12:  # samples of two trials
                 continue
             t, typical = first.t[good], math.sqrt(1.0 + 1.0 / k)
             effects = [system.height(first, t, (), {**start, n: h}) for n, h in STEPS.items()]
@@ -155,7 +150,7 @@ def differences(system: Jumper, factors: Sequence[Array]) -> list[Stretch]:
 
 def steadied(x: Stretch) -> Stretch:
     """A stretch whose course may also wander slowly."""
-    design = np.column_stack([x.design, powers(x.t, SLOW)[:, 1:]])
+    design = np.column_stack([x.design, powers(x.t, 3)[:, 1:]])  # the wander up to degree 3 is taken off
     return Stretch(x.t, x.y, design, x.spread, x.track)
 
 

@@ -28,8 +28,6 @@ from .jumps import is_common
 from .learning import Learned
 
 HEIGHTS_AGREE = 5e-5  # m: a smaller mean error of every kind of jump would read as 0.0 mm
-HEAVY = 30.0  # degrees of freedom from which Student's t is as good as normal
-DIFFERS = 1.5  # factor on the typical noise from which a track's own is listed
 APART = ("Films", "jumps")
 BODIES = {
     "foot": "a force on the intruding foot",
@@ -79,12 +77,14 @@ class JumperSpeaker:
         return record.Noise(
             sigma_m=learned.sigma,
             correlation=n.rho,
-            tails=None if learned.tails > HEAVY else record.Tails(learned.tails),
+            # from 30 degrees of freedom Student's t is as good as normal
+            tails=None if learned.tails > 30.0 else record.Tails(learned.tails),
             drift_m=n.drift,
             samples=n.n,
             sources={k: record.NoiseSource(s.sigma, s.log_sigma, s.n) if s else None for k, s in sources.items()},
             scatter={k: s for k, s in learned.scatter.items() if s > 0},
-            tracks={k: float(f) for k, f in zip(names, learned.tracks) if abs(math.log(f)) > math.log(DIFFERS)},
+            # a track's own noise is listed from 1.5 times the typical one
+            tracks={k: float(f) for k, f in zip(names, learned.tracks) if abs(math.log(f)) > math.log(1.5)},
             outliers=tuple(record.Outlier(*x) for x in learned.outliers),
             warnings=(*learned.warnings, *agreement(d), *unrepeated(learned, d)),
         )

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jumpvision.base.arrays import Array
-from jumpvision.jumper.physics.oscillator import amplitude_of, best_jump, damping_of, natural_frequency
+from jumpvision.base.arrays import AnyArray, Array
+from jumpvision.jumper.physics.oscillator import Numbers, amplitude_of, best_jump, damping_of, natural_frequency
 
 from .jump import HardRobot, hard_sweep, sine_rows
 
@@ -63,7 +63,7 @@ class Search(NamedTuple):
     rounds: int
 
 
-def _swept(rows: Array, robot: HardRobot, rod_share: ArrayLike, zeta: ArrayLike) -> dict[str, NDArray[Any]]:
+def _swept(rows: Array, robot: HardRobot, rod_share: Numbers, zeta: Numbers) -> dict[str, AnyArray]:
     """hard_sweep of the robot with this share of its mass in the rod, and this damping ratio."""
     return hard_sweep(
         rows,
@@ -85,7 +85,7 @@ def best_by_alpha(
     robot: HardRobot,
     search: Search,
     key: str = KEY,
-) -> dict[str, NDArray[Any]]:
+) -> dict[str, AnyArray]:
     """The one-cycle jump of greatest `key` over the frequencies of the search.
 
     alpha, phase [rad], rod_share m_r/M and zeta broadcast to (...); the latter two in place of the robot's own, whose
@@ -95,7 +95,7 @@ def best_by_alpha(
     a, ph, share, z = np.broadcast_arrays(*(np.asarray(v, float) for v in (alpha, phase, rod_share, zeta)))
     amp, f0 = amplitude_of(a, stiffness, mass, gravity), natural_frequency(stiffness, mass)
 
-    def jumps(at: list[Array]) -> dict[str, NDArray[Any]]:
+    def jumps(at: list[Array]) -> dict[str, AnyArray]:
         return _swept(sine_rows(at[0] * f0, amp[..., None], ph[..., None], 1.0), robot, share[..., None], z[..., None])
 
     shape = (*a.shape, 1)
@@ -112,7 +112,7 @@ def best_by_alpha(
 
 def best_two_frequencies(
     alpha: ArrayLike, *, robot: HardRobot, search: Search, highest2: float, points2: int
-) -> dict[str, NDArray[Any]]:
+) -> dict[str, AnyArray]:
     """The highest stutter jump (phase pi/2) whose two half cycles have frequencies of their own (thesis Fig 36).
 
     Arguments as in best_by_alpha, alpha (n,). The first frequency is searched as `search` says, for every second
@@ -124,10 +124,10 @@ def best_two_frequencies(
     mass, stiffness, gravity = robot.mass, robot.stiffness, robot.gravity
     amp, f0 = amplitude_of(a, stiffness, mass, gravity), natural_frequency(stiffness, mass)
 
-    def of_second(at: list[Array]) -> dict[str, NDArray[Any]]:
+    def of_second(at: list[Array]) -> dict[str, AnyArray]:
         second = np.exp(at[0])
 
-        def of_first(at: list[Array]) -> dict[str, NDArray[Any]]:
+        def of_first(at: list[Array]) -> dict[str, AnyArray]:
             rows = half_cycle_rows(at[0] * f0, second[..., None] * f0, amp[:, None, None], STUTTER, 0.0)
             return _swept(rows, robot, robot.rod_share, robot.zeta)
 
@@ -258,7 +258,7 @@ def easiest_frequency(
     A_min that matter: near resonance A_min is flat.
     """
 
-    def jumps(at: list[Array]) -> dict[str, NDArray[Any]]:
+    def jumps(at: list[Array]) -> dict[str, AnyArray]:
         given = {"cycles": cycles, "wait": 0.0, "largest": largest, "resolution": resolution}
         return {"amplitude": -minimum_amplitude(at[0] * robot.f0, [phase], robot=robot, **given)[:, 0]}
 

@@ -12,11 +12,10 @@ from __future__ import annotations
 
 import cmath
 import math
-from typing import Any
 
 import numba as nb
-from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.jumper.physics.forcing import INLINE, KERNEL, sincos
 
 Arc = tuple[float, ...]
@@ -35,7 +34,7 @@ NEAR = 1e-3
 @nb.njit(**INLINE)
 def make_arc(
     grounded: bool,
-    piece: NDArray[Any] | tuple[float, ...],
+    piece: Array | tuple[float, ...],
     tau: float,
     length: float,
     x: float,

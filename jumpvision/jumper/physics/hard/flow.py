@@ -14,11 +14,10 @@ is integrated like any other, but not counted and not listed.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numba as nb
-from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.jumper.physics.forcing import INLINE, KERNEL, sincos
 
 from .arc import (
@@ -49,10 +48,6 @@ from .arc import (
 Best = tuple[float, float, float]
 
 GRAZE = 1e-6  # m/s
-STRIDE = 1.0  # rad of the fastest oscillation in a step: extrema between steps show as a change of sign of the rate
-FREE_STRIDE = 3.0  # rad of the free oscillation, whose extrema are pi or more apart
-ROUNDING = 1e-15
-SETTLED_RISE = 1e-10  # m
 HEIGHT, FORCE, POWER = 0, 1, 2
 END, CROSSING, SETTLED = 0, 1, 2
 
@@ -155,7 +150,7 @@ def top(
 def _rounding(arc: Arc, s: float) -> float:
     """How far from zero x [m] may come out where it is zero."""
     poly = abs(arc[P0]) + s * (abs(arc[P1]) + s * (abs(arc[P2]) + s * abs(arc[P3])))
-    return ROUNDING * (poly + abs(arc[PS]) + abs(arc[PC]) + abs(arc[HA]) + s * abs(arc[HB]))
+    return 1e-15 * (poly + abs(arc[PS]) + abs(arc[PC]) + abs(arc[HA]) + s * abs(arc[HB]))
 
 
 @nb.njit(**KERNEL)
@@ -194,16 +189,16 @@ def follow(
     if moving:
         force, power = max(force, f_m), max(power, p)
     else:
-        pace /= FREE_STRIDE
+        pace /= 3.0  # rad of a free oscillation, whose extrema are pi or more apart
     if up:  # F_m = (m_m - q m_m) X'': most often it cannot reach what it was on the ground
         accel, speed = _most(arc, left)
         watch = (1.0 - q) * accel > force or (1.0 - q) * accel * speed > power
         if not watch:
             pace = 0.0
-    cap = STRIDE / pace if pace > 0.0 else left
+    cap = 1.0 / pace if pace > 0.0 else left  # rad: extrema between steps show as a change of sign of the rate
     s, ended = 0.0, END
     while s < left:
-        if not moving and v * v + arc[W2] * (x + g / arc[W2]) ** 2 < arc[W2] * SETTLED_RISE**2:
+        if not moving and v * v + arc[W2] * (x + g / arc[W2]) ** 2 < arc[W2] * 1e-10**2:  # m
             ended = SETTLED
             break
         h = safe_step(min(sign * x, 0.0), sign * v, sign * a, arc[JERK], min(cap, left - s))
@@ -231,13 +226,13 @@ def follow(
 
 
 @nb.njit(**INLINE)
-def row(p: NDArray[Any], i: int) -> tuple[float, ...]:
+def row(p: Array, i: int) -> tuple[float, ...]:
     """A forcing piece as a tuple: no counting of references."""
     return p[i, 0], p[i, 1], p[i, 2], p[i, 3], p[i, 4], p[i, 5], p[i, 6], p[i, 7], p[i, 8]
 
 
 @nb.njit(**INLINE)
-def motor(piece: NDArray[Any] | tuple[float, ...], tau: float) -> tuple[float, float, float]:
+def motor(piece: Array | tuple[float, ...], tau: float) -> tuple[float, float, float]:
     """X_m [m] and its first two derivatives at tau [s] into a piece."""
     sin, cos = sincos(piece[7] * tau + piece[8])
     sin, cos = piece[6] * sin, piece[6] * piece[7] * cos
@@ -248,15 +243,15 @@ def motor(piece: NDArray[Any] | tuple[float, ...], tau: float) -> tuple[float, f
 
 @nb.njit(**KERNEL)
 def follow_jump(
-    pieces: NDArray[Any],
+    pieces: Array,
     q: float,
     g: float,
     w2: float,
     gam: float,
     keep: float,
     t_end: float,
-    rows: NDArray[Any],
-    flights: NDArray[Any],
+    rows: Array,
+    flights: Array,
 ) -> tuple[int, int, int, float, float, float, float, float, float, bool]:
     """One jump from rest.
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jumpvision.base.arrays import Array
+from jumpvision.base.arrays import AnyArray, Array
 from jumpvision.jumper.physics.forcing import Segments
 
 from .jump import HardRobot, hard_jump, hard_sweep, sine_rows
@@ -96,7 +95,7 @@ def scattered(
     rng: np.random.Generator,
     amplitude: float,
     cycles: float,
-) -> dict[str, NDArray[Any]]:
+) -> dict[str, AnyArray]:
     """hard_map's results, (nf, np, trials), of jumps that start from a ringing spring.
 
     ringing [m]: standard deviation of the rod's displacement, and of its velocity over w_0, at the start of the law.

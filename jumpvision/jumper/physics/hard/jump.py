@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numba as nb
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from jumpvision.base.arrays import Array
+from jumpvision.base.arrays import AnyArray, Array
 from jumpvision.base.threads import shared
 from jumpvision.jumper.physics.forcing import KERNEL, Forcing, Segments
 from jumpvision.jumper.physics.oscillator import natural_frequency
@@ -198,7 +198,7 @@ def hard_sweep(
     damping: ArrayLike,
     gravity: ArrayLike,
     landing_loss: ArrayLike,
-) -> dict[str, NDArray[Any]]:
+) -> dict[str, AnyArray]:
     """The results of one jump for every law, in parallel.
 
     laws: shape (..., r, 6), the rows of a forcing.Segments for every point. The other arguments, as in hard_jump,
@@ -227,7 +227,7 @@ def hard_sweep(
     rows = np.broadcast_to(laws, (*shape, *laws.shape[-2:])).reshape(-1, *laws.shape[-2:])
     out = np.empty((len(RESULTS), rows.shape[0]))
     _sweep(len(rows), np.require(rows, requirements=["C", "W"]), robots, out)
-    result: dict[str, NDArray[Any]] = {name: column.reshape(shape) for name, column in zip(RESULTS, out)}
+    result: dict[str, AnyArray] = {name: column.reshape(shape) for name, column in zip(RESULTS, out)}
     result["n_jumps"] = result["n_jumps"].astype(np.int64)
     return result
 
@@ -253,7 +253,7 @@ def hard_map(
     damping: float,
     gravity: float,
     landing_loss: float,
-) -> dict[str, NDArray[Any]]:
+) -> dict[str, AnyArray]:
     """hard_sweep over the sinusoidal law: frequencies (nf,) [Hz], phases (np,) [rad]; results of shape (nf, np)."""
     f, ph = np.asarray(frequencies, float)[:, None], np.asarray(phases, float)[None, :]
     return hard_sweep(
@@ -318,7 +318,7 @@ def _pieces(forcing: Forcing) -> Array:
 
 
 @nb.njit(**KERNEL)
-def _peak_speed(pieces: NDArray[Any], n: int) -> float:
+def _peak_speed(pieces: Array, n: int) -> float:
     """Greatest |X_m'| [m/s] of the first n pieces; each is a sinusoid or a cubic."""
     peak = 0.0
     for i in range(n):
@@ -335,8 +335,8 @@ def _peak_speed(pieces: NDArray[Any], n: int) -> float:
 
 @nb.njit(cache=True)
 def _sample(
-    rows: NDArray[Any], piece: NDArray[Any], t: NDArray[Any], q: float, g: float, w2: float, gam: float
-) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
+    rows: Array, piece: Array, t: Array, q: float, g: float, w2: float, gam: float
+) -> tuple[Array, Array, Array, Array]:
     """x_r, v_r, x_m and F_s/M at the times t; at rest before the first arc."""
     x, v, xm, f = np.empty(t.size), np.empty(t.size), np.empty(t.size), np.empty(t.size)
     for i in range(t.size):
@@ -352,7 +352,7 @@ def _sample(
 
 
 @shared(**KERNEL)
-def _sweep(first: int, last: int, laws: NDArray[Any], robots: NDArray[Any], out: NDArray[Any]) -> None:
+def _sweep(first: int, last: int, laws: Array, robots: Array, out: Array) -> None:
     """hard_sweep, flat: laws (n, r, 6), robots (6, n or 1) in the order of its arguments, out (8, n) as RESULTS."""
     pieces, none = np.zeros((laws.shape[1] + 1, 9)), np.empty((0, 2))
     for i in range(first, last):

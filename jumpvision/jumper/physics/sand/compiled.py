@@ -5,12 +5,12 @@ from __future__ import annotations
 import functools
 import hashlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.threads import shared
@@ -18,9 +18,8 @@ from jumpvision.jumper.physics import forcing
 from jumpvision.jumper.physics.hard.jump import RESULTS as HARD_RESULTS
 
 from . import events, granular, kernel, laws, modes, run, step, trial, within
+from .packed import Packed
 
-LONGEST_TAIL = 30.0  # s, simulated after the motor stops at most
-LOG = 500  # events of a jump in a batch
 RESULTS = (*HARD_RESULTS, "driven_height_m", "max_depth_m", "status")
 COM, FLIGHT, JUMP, N_JUMPS, FIRST, POWER, FORCE, SPEED, DRIVEN, DEPTH, STATUS = range(len(RESULTS))
 
@@ -49,14 +48,14 @@ def pieces(rows: Array) -> tuple[Array, Array]:
 
 
 @njit(error_model="numpy", inline="always")  # once, where it is called: else all is optimised once more
-def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out: Array) -> None:
+def jump(constants: Sequence[Packed], law: Array, tail: float, rtol: float, atol: float, out: Array) -> None:
     """Writes RESULTS of one jump (out, NaN where there is none); the tail doubles until a flight has landed."""
     p = constants[0]
     out[:] = math.nan
     rows, edges = pieces(law)
     n = edges.size
     start, stop = edges[0], edges[n - 2]
-    log, peaks = np.empty((LOG, 2)), np.empty(6)
+    log, peaks = np.empty((500, 2)), np.empty(6)  # 500 events of a jump
     no_times, no_out, no_modes = np.empty(0), np.empty((0, within.N_OUT)), np.empty(0, np.int64)
     space = run.workspace(run.states(p), rows.shape[0] if p.tau > 0.0 else 0)
     while True:
@@ -78,7 +77,7 @@ def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out:
                     late = late if late > 0 else flights
                     longest = max(longest, log[i, 0] - up)
                 up = math.nan
-        if late > 0 or math.isnan(up) or tail > LONGEST_TAIL:
+        if late > 0 or math.isnan(up) or tail > 30.0:  # s after the motor stops
             break
         tail *= 2.0
     out[COM] = p.com - p.lowest
@@ -98,7 +97,7 @@ def digest() -> str:
     return hashlib.sha256(b"".join(f.read_bytes() for f in files)).hexdigest()
 
 
-def solver() -> Callable[..., Any]:
+def solver() -> Callable[..., int]:
     """What follows a jump, compiled once for all that do."""
     return run.compiled_run(digest())
 
@@ -111,17 +110,17 @@ from .. end (its edges are one more than the rows of every jump so far)."""
 
 
 @functools.cache
-def tracks_solver() -> Callable[..., Any]:
+def tracks_solver() -> Callable[..., None]:
     """solve(constants (k,), which (k,), lane (k,), about (n,) TRACK, rows, edges, t (m, :), rtol, atol, out (m, :))."""
     global _run
     _run = solver()
     return _tracks(digest())
 
 
-_run: Callable[..., Any]  # `solver()`; a global, as what a compiled function closes over is a part of its key
+_run: Callable[..., int]  # `solver()`; a global, as what a compiled function closes over is a part of its key
 
 
-def _tracks(key: str) -> Callable[..., Any]:
+def _tracks(key: str) -> Callable[..., None]:
     @njit(cache=True, nogil=True)
     def solve(constants, which, lane, about, rows, edges, t, rtol, atol, out):  # type: ignore[no-untyped-def]
         key  # noqa: B018
@@ -168,14 +167,14 @@ def _tracks(key: str) -> Callable[..., Any]:
 
 
 @functools.cache
-def batch_solver() -> Callable[..., Any]:
+def batch_solver() -> Callable[..., None]:
     """solve(n, constants (n,), laws (n, r, 6), tail, rtol, atol, out (n, RESULTS)): `jump` of each, in threads."""
     global _run
     _run = solver()
     return _batch(digest())
 
 
-def _batch(key: str) -> Callable[..., Any]:
+def _batch(key: str) -> Callable[..., None]:
     @shared()
     def solve(first, last, constants, laws, tail, rtol, atol, out):  # type: ignore[no-untyped-def]
         key  # noqa: B018
@@ -186,12 +185,12 @@ def _batch(key: str) -> Callable[..., Any]:
 
 
 @functools.cache
-def equilibrium() -> Callable[..., Any]:
+def equilibrium() -> Callable[[NDArray[np.void]], tuple[float, float]]:
     """constants (1,) -> x_r and depth of the foot at rest [m]."""
     return _equilibrium(digest())
 
 
-def _equilibrium(key: str) -> Callable[..., Any]:
+def _equilibrium(key: str) -> Callable[[NDArray[np.void]], tuple[float, float]]:
     @njit(cache=True)
     def solve(constants):  # type: ignore[no-untyped-def]
         key  # noqa: B018

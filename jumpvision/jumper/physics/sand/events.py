@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from jumpvision.base.arrays import Array
@@ -32,6 +30,7 @@ from .granular import (
 )
 from .kernel import by_table, kernel
 from .modes import grip, held_between, holding_force, limit, settle
+from .packed import Packed
 
 LIFT_OFF, LANDING, YIELD, STOP, RAIL_STICK, RAIL_SLIP, MOTOR_HELD, MOTOR_FREE = range(8)
 KINDS = ("lift_off", "landing", "intrude", "stop", "rail_stick", "rail_slip", "motor_held", "motor_free")
@@ -42,14 +41,14 @@ STILL = 1e-9  # m/s, a slower carriage is at rest when the forcing changes piece
 
 
 @kernel
-def note(t: float, kind: int, p: Any, log: Array) -> None:
+def note(t: float, kind: int, p: Packed, log: Array) -> None:
     """Writes an event to the log."""
     log[p.events, 0], log[p.events, 1] = t, kind
     p.events += 1
 
 
 @kernel
-def motor_limit(s: Array, p: Any, log: Array) -> None:
+def motor_limit(s: Array, p: Packed, log: Array) -> None:
     """The motor meets a limit, or leaves it."""
     before = kinetic(s, s[V], 0.0, p)
     limit(p.t, s, p.mode, p.slip, p)
@@ -60,7 +59,7 @@ def motor_limit(s: Array, p: Any, log: Array) -> None:
 
 
 @kernel
-def rail_turns(s: Array, p: Any, log: Array) -> None:
+def rail_turns(s: Array, p: Packed, log: Array) -> None:
     """The carriage comes to rest and is held or goes back; or it is held no longer."""
     if p.slip != 0:
         p.slip = grip(p.t, s, p.mode, p, np.inf)
@@ -71,7 +70,7 @@ def rail_turns(s: Array, p: Any, log: Array) -> None:
 
 
 @kernel
-def lift_off(s: Array, p: Any, log: Array) -> None:
+def lift_off(s: Array, p: Packed, log: Array) -> None:
     """The foot is pulled off the ground; logged as the mode begins."""
     if p.massless == 1:
         s[XF], s[VF] = 0.0, 0.0
@@ -79,7 +78,7 @@ def lift_off(s: Array, p: Any, log: Array) -> None:
 
 
 @kernel
-def yields(s: Array, p: Any, log: Array) -> None:
+def yields(s: Array, p: Packed, log: Array) -> None:
     """The ground gives way under the foot; logged as the mode begins."""
     if p.massless == 1:
         s[XF], s[VF] = 0.0, 0.0
@@ -87,7 +86,7 @@ def yields(s: Array, p: Any, log: Array) -> None:
 
 
 @kernel
-def stops(s: Array, p: Any, log: Array) -> None:
+def stops(s: Array, p: Packed, log: Array) -> None:
     """An intrusion ends: the bed remembers its depth, and the foot rests there."""
     if p.taken == 0.0:  # an intrusion over before it could be seen: the foot rests meanwhile
         p.held = p.t + RESOLVE
@@ -103,7 +102,7 @@ def stops(s: Array, p: Any, log: Array) -> None:
 
 
 @kernel
-def lands(s: Array, p: Any, log: Array) -> None:
+def lands(s: Array, p: Packed, log: Array) -> None:
     """The foot comes down: stopped by hard ground, or on a bed with the grains that it takes along."""
     note(p.t, LANDING, p, log)
     p.mode, p.memory[CONTACT] = STUCK, p.t
@@ -133,7 +132,7 @@ def lands(s: Array, p: Any, log: Array) -> None:
 
 
 @kernel
-def begins(s: Array, p: Any, log: Array) -> None:
+def begins(s: Array, p: Packed, log: Array) -> None:
     """A foot that was at rest moves: with what it leaves the ground, the bed remembers its hole."""
     note(p.t, LIFT_OFF if p.next == AIR else YIELD, p, log)
     if p.next == AIR:

@@ -19,7 +19,6 @@ Everything here is compiled into `events.compiled_run`; `p` is one record of CON
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -30,6 +29,7 @@ from jumpvision.jumper.physics.forcing import segment_xv, sincos_near
 
 from .kernel import inlined, kernel, law, listed
 from .laws import ALL, BENDS, LOSSES, NUMBERS, REST, ROUTINES, WHEN
+from .packed import Packed
 
 Guards = tuple[float, float, float, float]
 
@@ -43,8 +43,6 @@ FLOOR, HOLE, PAUSE, HELD, CONTACT, LEFT, N_MEMORY = range(7)
 foot last came down [s]; `z_left` of the last pause."""
 N_ARC = 17  # numbers of an arc in closed form (`step`)
 N_NODES = 16  # of a step, in which the motor is looked up beforehand
-OVER = 40.0  # time constants after which nothing of a lag's transient is left: exp(-OVER) < 1e-17
-AT = 1e-9  # m or m/s: so near to a limit the motor is at it
 MOTOR_WORK, IMPULSE, DAMPED, LOST = range(N_MOTION, N_MOTION + 4)
 """Energies [J] integrated along with the motion where it is asked for, in the states after N_MOTION: of the motor, of
 its impulses, of the spring's damping; from LOST on of the laws (`laws.Laws.lost`), and last of landings."""
@@ -84,7 +82,7 @@ _losses = listed("losses", "number", "asked", "losses_W")
 
 
 @kernel
-def prepare(p: Any) -> None:
+def prepare(p: Packed) -> None:
     """What is made of a model's constants, once before a run."""
     if p.prepare != 0:
         _prepare(p)
@@ -128,13 +126,14 @@ def lagged(kind: int, rows: Array, edges: Array, tau: float, out: Array) -> None
 
 
 @inlined
-def settling(t: float, p: Any) -> bool:
+def settling(t: float, p: Packed) -> bool:
     """Whether the transient of a lag is not over."""
-    return p.tau > 0.0 and p.row[6] != 0.0 and t - p.row[7] < OVER * p.tau
+    # exp(-40) < 1e-17: nothing of the transient is left
+    return p.tau > 0.0 and p.row[6] != 0.0 and t - p.row[7] < 40.0 * p.tau
 
 
 @kernel
-def is_still(t: float, p: Any) -> bool:
+def is_still(t: float, p: Packed) -> bool:
     """Whether the motor stands still on this piece from t on."""
     if settling(t, p) or p.drive != 0:
         return False
@@ -142,7 +141,7 @@ def is_still(t: float, p: Any) -> bool:
 
 
 @inlined
-def motor(t: float, s: Array, p: Any) -> tuple[float, float, float]:
+def motor(t: float, s: Array, p: Packed) -> tuple[float, float, float]:
     """X_m [m], the motor relative to the rod, with its two rates, after the lag (`lagged`) or the loop."""
     if p.kp > 0.0:
         return s[X], s[V], np.nan  # the loop's acceleration depends on the force of the spring: `rhs`
@@ -161,7 +160,7 @@ def motor(t: float, s: Array, p: Any) -> tuple[float, float, float]:
 
 
 @inlined
-def motors(t: float, h: float, nodes: Array, p: Any) -> None:
+def motors(t: float, h: float, nodes: Array, p: Packed) -> None:
     """Writes X_m and its two rates at the nodes of a step, shares of the h [s] from t, to p.ahead."""
     if p.led == 1:
         return
@@ -182,14 +181,14 @@ def motors(t: float, h: float, nodes: Array, p: Any) -> None:
 
 
 @kernel
-def rod(t: float, s: Array, p: Any) -> tuple[float, float, float, float, float]:
+def rod(t: float, s: Array, p: Packed) -> tuple[float, float, float, float, float]:
     """x_r [m], v_r [m/s], v_m = v_r + X_m' [m/s], X_m [m], X_m'' [m/s^2]."""
     x, v, a = motor(t, s, p)
     return s[Y] - p.ratio * x, s[W] - p.ratio * v, s[W] + (1.0 - p.ratio) * v, x, a
 
 
 @inlined
-def spring_force(x_r: float, v_r: float, s: Array, mode: int, p: Any) -> float:
+def spring_force(x_r: float, v_r: float, s: Array, mode: int, p: Packed) -> float:
     """F_s [N], positive upwards on the rod."""
     if p.massless == 1 and mode == AIR:
         return 0.0
@@ -207,32 +206,32 @@ def inner(s: Array) -> float:
 
 
 @inlined
-def resistance(t: float, z: float, v: float, s: Array, p: Any) -> tuple[float, float]:
+def resistance(t: float, z: float, v: float, s: Array, p: Packed) -> tuple[float, float]:
     """Force of the ground on the intruding foot [N], and the mass that moves with it [kg], at the depth z [m]."""
     m = p.memory
     return ground_law(p, (z, v, m[HOLE], m[PAUSE], m[LEFT], t - m[CONTACT], t, inner(s)))
 
 
 @kernel
-def yield_force(t: float, s: Array, p: Any) -> float:
+def yield_force(t: float, s: Array, p: Packed) -> float:
     """What the ground carries at the floor before the foot moves [N]: its force as motion begins."""
     return resistance(t, p.memory[FLOOR], -REST, s, p)[0]
 
 
 @kernel
-def foot_inertia(t: float, z: float, s: Array, p: Any) -> float:
+def foot_inertia(t: float, z: float, s: Array, p: Packed) -> float:
     """m_f + m_a(z) [kg]."""
     return p.m_f + resistance(t, z, -REST, s, p)[1]
 
 
 @kernel
-def rail_force(t: float, s: Array, x_r: float, x: float, v_m: float, p: Any) -> float:
+def rail_force(t: float, s: Array, x_r: float, x: float, v_m: float, p: Packed) -> float:
     """Force of the rail on the carriage [N]; x: X_m."""
     return rail_law(p, (v_m, x_r + x - p.rest, x_r, t, inner(s)))
 
 
 @inlined
-def rail_friction(t: float, s: Array, x_r: float, x: float, v_m: float, slip: int, p: Any) -> float:
+def rail_friction(t: float, s: Array, x_r: float, x: float, v_m: float, slip: int, p: Packed) -> float:
     """The same on the sliding carriage."""
     if p.rail == 0:
         return 0.0
@@ -242,7 +241,7 @@ def rail_friction(t: float, s: Array, x_r: float, x: float, v_m: float, slip: in
 
 
 @kernel
-def rhs(t: float, s: Array, mode: int, slip: int, p: Any, k: Array, i: int) -> float:
+def rhs(t: float, s: Array, mode: int, slip: int, p: Packed, k: Array, i: int) -> float:
     """Writes ds/dt into row i of k; returns F_s [N]. i > 0: node of a step, see `motors`."""
     if i > 0 and p.led == 0:
         x, v, acceleration = p.ahead[0, i], p.ahead[1, i], p.ahead[2, i]
@@ -288,7 +287,7 @@ def rhs(t: float, s: Array, mode: int, slip: int, p: Any, k: Array, i: int) -> f
 
 
 @kernel
-def loop_force(t: float, s: Array, p: Any) -> float:
+def loop_force(t: float, s: Array, p: Packed) -> float:
     """F_m [N] of the motor's feedback loop: PD on the encoder plus the load m_m g, within max_force; p.row[6]
     is the gain of the piece over kp."""
     x, v, _ = drive(p.kind, p.row, t)
@@ -297,7 +296,7 @@ def loop_force(t: float, s: Array, p: Any) -> float:
 
 
 @kernel
-def loop_acceleration(t: float, s: Array, force: float, x_r: float, v_m: float, slip: int, p: Any) -> float:
+def loop_acceleration(t: float, s: Array, force: float, x_r: float, v_m: float, slip: int, p: Packed) -> float:
     """X_m'' [m/s^2] by the loop's force, were the motor not held at a limit."""
     effort = loop_force(t, s, p)
     if slip == 0:  # a_m = 0
@@ -312,7 +311,7 @@ def works(
     s: Array,
     mode: int,
     slip: int,
-    p: Any,
+    p: Packed,
     force: float,
     k: Array,
     i: int,
@@ -346,13 +345,13 @@ def works(
 
 
 @kernel
-def kinetic(s: Array, v: float, mass: float, p: Any) -> float:
+def kinetic(s: Array, v: float, mass: float, p: Packed) -> float:
     """Kinetic energy [J] at the motor's rate v = X_m' with `mass` moving as the foot."""
     return 0.5 * p.M * s[W] * s[W] + 0.5 * p.m_m * p.m_r / p.M * v * v + 0.5 * mass * s[VF] * s[VF]
 
 
 @kernel
-def motor_force(t: float, s: Array, mode: int, slip: int, p: Any) -> tuple[float, float, float]:
+def motor_force(t: float, s: Array, mode: int, slip: int, p: Packed) -> tuple[float, float, float]:
     """F_m [N], its power F_m X_m' [W] and |X_m'| [m/s], from m_m a_m = -m_m g + F_m + rail."""
     x_r, v_r, v_m, x, acceleration = rod(t, s, p)
     if p.kp > 0.0:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +19,6 @@ from .laws import LAG, Laws, dry, laws_of, steady
 
 MODES = ("air", "rest", "intrude")
 OUTPUTS = ("rod", "foot", "motor", "rod_velocity", "foot_velocity", "ground_force", "spring_force")
-BEYOND = 0.05  # of the range seen: so far beyond it a law is used without a word
 SINKS = "model k2, sigma_cone: the bed cannot carry the robot's weight; give larger values"
 EVENT = np.dtype([("time", float), ("kind", "U10")])
 
@@ -43,7 +41,7 @@ class Motion:
     ground_force: Array  # N on the foot, positive up
     spring_force: Array  # N on the rod, positive up
     mode: NDArray[np.int64]  # index into MODES
-    events: NDArray[Any]  # EVENT: time [s], kind
+    events: NDArray[np.void]  # EVENT: time [s], kind
     flights: Array  # (m, 2) lift-off and landing [s]; landing NaN when the run ends in the air
     rest: float  # m, x_r at rest before the forcing
     depth_max: float  # m, deepest point of the foot
@@ -121,7 +119,7 @@ def follow(
     named = np.array([(when, events.KINDS[int(k)]) for when, k in log[: p["events"]]], dtype=EVENT)
     flights = _flights(named)
     landed = (flights[:, 1] - flights[:, 0])[flights[:, 1] > stop]
-    column: dict[str, Any] = dict(zip(OUTPUTS, np.ascontiguousarray(out.T)))
+    column: dict[str, Array] = dict(zip(OUTPUTS, np.ascontiguousarray(out.T)))
     motion = Motion(
         t=t,
         **column,
@@ -172,7 +170,7 @@ def beyond_seen(model: Model, motion: Motion) -> list[str]:
             if n not in m.seen or not x.size:
                 continue
             (low, high), least, most = m.seen[n], float(x.min()), float(x.max())
-            room = BEYOND * (high - low)
+            room = 0.05 * (high - low)  # so far beyond the range seen a law is used without a word
             if least < low - room or most > high + room:
                 out.append(
                     f"'{m.name}' is used at {n} of {least:.3g} to {most:.3g} {STATE[n][0]}; it was found between "
@@ -200,7 +198,7 @@ def laws(model: Model) -> Laws:
     return laws_of([model.mechanism(t) for t in model.terms], model.ground == "granular")
 
 
-def pack(model: Model, n: int = 1) -> NDArray[Any]:
+def pack(model: Model, n: int = 1) -> NDArray[np.void]:
     """The model as records of `granular.CONSTANTS`, shape (n,); numbers of the model may be arrays (n,)."""
     out, own = np.zeros(n, granular.CONSTANTS), laws(model)
     for name, address in own.addresses.items():
@@ -226,12 +224,12 @@ def pack(model: Model, n: int = 1) -> NDArray[Any]:
     return out
 
 
-def pack_each(models: Sequence[Model]) -> NDArray[Any]:
+def pack_each(models: Sequence[Model]) -> NDArray[np.void]:
     """The models as records of `granular.CONSTANTS`, shape (n,): on the beds of one campaign they often differ in those
     alone, and are then packed once."""
     out = np.empty(len(models), granular.CONSTANTS)
     raw = out.view(np.uint8).reshape(len(models), -1)  # as bytes: numpy copies records field by field
-    first: dict[tuple[Any, ...] | int, int] = {}
+    first: dict[tuple[Hashable, ...] | int, int] = {}
     for k, m in enumerate(models):
         if (at := first.setdefault(id(m), k)) < k:
             raw[k] = raw[at]
@@ -245,7 +243,7 @@ def pack_each(models: Sequence[Model]) -> NDArray[Any]:
     return out
 
 
-def limit_loop(constants: NDArray[Any], loop: Loop, model: Model) -> None:
+def limit_loop(constants: NDArray[np.void], loop: Loop, model: Model) -> None:
     """Writes a feedback loop's gains and limits into packed constants. ValueError where it would act twice."""
     if motors := [m.name for m in model.acting(Body.MOTOR)]:
         raise ValueError(
@@ -286,7 +284,7 @@ def pieces(forcing: Forcing | Loop, stop: float, end: float) -> tuple[int, Array
     return kind, np.ascontiguousarray(rows[np.searchsorted(rows[:, 0], edges[:-1], side="right") - 1]), edges
 
 
-def _flights(named: NDArray[Any]) -> Array:
+def _flights(named: NDArray[np.void]) -> Array:
     rows: list[list[float]] = []
     for time, kind in named:
         if kind == "lift_off":

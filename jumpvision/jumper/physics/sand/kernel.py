@@ -8,8 +8,8 @@ its packed constants.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
 
 import numpy as np
 from llvmlite import ir
@@ -19,6 +19,18 @@ from numba.extending import intrinsic
 
 from jumpvision.base.arrays import Array
 
+from .packed import Packed
+
+if TYPE_CHECKING:
+    from llvmlite.ir import FunctionType, IRBuilder, Value
+    from numba.core.base import BaseContext
+    from numba.core.cgutils import _StructProxy as Struct
+    from numba.core.typing.context import BaseContext as Typing
+    from numba.core.typing.templates import Signature
+
+    Emitted = tuple[Signature, Callable[[BaseContext, IRBuilder, Signature, Sequence[Value]], Value]]
+F = TypeVar("F", bound=Callable[..., object])
+Rule = Callable[[Array, Packed, Array], None]
 # `_nrt` is numba's name for its reference counting, an option that its documentation does not list
 OPTIONS: dict[str, Any] = {
     "error_model": "numpy",
@@ -29,16 +41,16 @@ OPTIONS: dict[str, Any] = {
 }
 
 
-number: Any = np.int64
+number: Callable[[int], int] = np.int64  # type: ignore[assignment]
 """Of a literal: kernels that are handed 0 and 1 as such are compiled once for each."""
 
 
-def kernel(f: Callable[..., Any]) -> Any:
+def kernel(f: F) -> F:
     """The function compiled, to be called from compiled code."""
     return njit(**OPTIONS)(f)
 
 
-def inlined(f: Callable[..., Any]) -> Any:
+def inlined(f: F) -> F:
     """The same in the place of every call: handing over arrays (7 numbers each) costs more than a small function."""
     return njit(**OPTIONS, forceinline=True)(f)
 
@@ -46,7 +58,7 @@ def inlined(f: Callable[..., Any]) -> Any:
 LANES = 4  # numbers that one instruction takes
 
 
-def combination(weights: Array, own: int) -> Any:
+def combination(weights: Array, own: int) -> Callable[..., None]:
     """combine(i, s, h, k, out) in compiled code, i written as a number: out = h sum_m weights[i, m] k[m], and s for
     i < own, term by term and LANES of n at once.
 
@@ -55,16 +67,16 @@ def combination(weights: Array, own: int) -> Any:
     number, flags = ir.DoubleType(), ("contract", "reassoc")
     lanes = ir.VectorType(number, LANES)
 
-    def load(builder: Any, place: Any) -> Any:
+    def load(builder: IRBuilder, place: Value) -> Value:
         return builder.load(builder.bitcast(place, lanes.as_pointer()), align=8)
 
-    def joined(builder: Any, each: Any) -> Any:
+    def joined(builder: IRBuilder, each: Iterable[Value]) -> Value:
         out = ir.Constant(lanes, ir.Undefined)
         for j, x in enumerate(each):
             out = builder.insert_element(out, x, ir.Constant(ir.IntType(32), j))
         return out
 
-    def terms(builder: Any, row: int, at: Any, s: Any, h: Any, k: Any, out: Any) -> None:
+    def terms(builder: IRBuilder, row: int, at: Value, s: Struct, h: Value, k: Struct, out: Struct) -> None:
         n, total = builder.extract_value(k.shape, 1), None
         *before, last = map(int, np.flatnonzero(weights[row]))
         for m in (*before, last):
@@ -81,8 +93,10 @@ def combination(weights: Array, own: int) -> Any:
         builder.store(total, builder.bitcast(cgutils.gep(builder, out.data, at), lanes.as_pointer()), align=8)
 
     @intrinsic(prefer_literal=True)
-    def combine(typing: Any, i: Any, s: Any, h: Any, k: Any, out: Any) -> Any:
-        def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+    def combine(
+        typing: Typing, i: types.IntegerLiteral, s: types.Type, h: types.Type, k: types.Type, out: types.Type
+    ) -> Emitted:
+        def code(context: BaseContext, builder: IRBuilder, signature: Signature, args: Sequence[Value]) -> Value:
             s, k, out = (context.make_array(signature.args[j])(context, builder, args[j]) for j in (1, 3, 4))
             n = builder.extract_value(k.shape, 1)
             first, width = ir.Constant(n.type, 0), ir.Constant(n.type, LANES)
@@ -97,18 +111,26 @@ def combination(weights: Array, own: int) -> Any:
     return combine
 
 
-def _member(builder: Any, p: Any, kind: Any, field: str) -> Any:
+def _member(builder: IRBuilder, p: Value, kind: types.Record, field: str) -> Value:
     """Where an array of numbers lies in a packed model."""
     return cgutils.get_record_member(builder, p, kind.offset(field), ir.DoubleType())
 
 
-def _routine(builder: Any, p: Any, kind: Any, field: str, signature: Any) -> Any:
+def _routine(builder: IRBuilder, p: Value, kind: types.Record, field: str, signature: FunctionType) -> Value:
     """The routine whose address stands in a field of a packed model."""
     at = builder.load(cgutils.get_record_member(builder, p, kind.offset(field), ir.IntType(64)))
     return builder.inttoptr(at, signature.as_pointer())
 
 
-def law(field: str, gives: int = 1) -> Any:
+@overload
+def law(field: str) -> Callable[[Packed, tuple[float, ...] | Array], float]: ...
+
+
+@overload
+def law(field: str, gives: Literal[2]) -> Callable[[Packed, tuple[float, ...]], tuple[float, float]]: ...
+
+
+def law(field: str, gives: int = 1) -> Callable[..., float | tuple[float, float]]:
     """call(p, (x_1, .., x_n)) in compiled code: the routine of `laws` at the address in p.field.
 
     It gives one number, or a pair.
@@ -116,8 +138,8 @@ def law(field: str, gives: int = 1) -> Any:
     double = ir.DoubleType()
 
     @intrinsic
-    def call(typing: Any, p: Any, numbers: Any) -> Any:
-        def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+    def call(typing: Typing, p: types.Record, numbers: types.Tuple | types.UniTuple) -> Emitted:
+        def code(context: BaseContext, builder: IRBuilder, signature: Signature, args: Sequence[Value]) -> Value:
             given = [
                 context.cast(builder, builder.extract_value(args[1], k), t, types.float64)
                 for k, t in enumerate(numbers.types)
@@ -137,13 +159,13 @@ def law(field: str, gives: int = 1) -> Any:
     return call
 
 
-def listed(field: str, *arrays: str) -> Any:
+def listed(field: str, *arrays: str) -> Callable[..., None]:
     """call(p): the routine at the address in p.field, of these arrays of p."""
     double = ir.DoubleType().as_pointer()
 
     @intrinsic
-    def call(typing: Any, p: Any) -> Any:
-        def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+    def call(typing: Typing, p: types.Record) -> Emitted:
+        def code(context: BaseContext, builder: IRBuilder, signature: Signature, args: Sequence[Value]) -> Value:
             kind = ir.FunctionType(ir.VoidType(), [double] * len(arrays))
             routine = _routine(builder, args[0], p, field, kind)
             builder.call(routine, [_member(builder, args[0], p, a) for a in arrays])
@@ -154,17 +176,17 @@ def listed(field: str, *arrays: str) -> Any:
     return call
 
 
-def by_table(rules: Mapping[tuple[int, int], Any]) -> Any:
+def by_table(rules: Mapping[tuple[int, int], Rule]) -> Callable[[int, int, Array, Packed, Array], None]:
     """kernel f(event, mode, s, p, log): the rule of the event in the mode; nothing where there is none."""
     names = {rule: f"rule{k}" for k, rule in enumerate(dict.fromkeys(rules.values()))}
     lines = ["def f(event, mode, s, p, log):"]
     for (event, mode), rule in rules.items():
         lines += [f"    if event == {event} and mode == {mode}:", f"        {names[rule]}(s, p, log)", "        return"]
-    space: dict[str, Any] = {name: rule for rule, name in names.items()}
+    space: dict[str, Callable[..., None]] = {name: rule for rule, name in names.items()}
     exec("\n".join(lines), space)
     return kernel(space["f"])
 
 
-def kernel_of(make: Callable[[str], Any]) -> Callable[[str], Any]:
+def kernel_of(make: Callable[[str], F]) -> Callable[[str], F]:
     """Around a function that holds one kernel, kept by numba under a key of all sources: compiled once a process."""
     return functools.cache(make)

@@ -5,9 +5,8 @@ The integrator itself is compiled once for all models and names no mechanism; a 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from jumpvision.engine.laws.compiled import Module, Routine, module
 from jumpvision.engine.laws.derivative import derivative, kinks
@@ -41,7 +40,6 @@ NUMBERS = 96  # constants of a model's laws with what is made of them: all built
 BENDS = 4  # depths at which laws of the ground bend, of those that act together
 LOSSES = 24  # laws of a model that take energy
 REST = 1e-30  # m/s, of a direction without a speed
-SOFT = 1e-3  # m/s: a spring's law that has a sign takes it as x / hypot(x, SOFT), for nothing holds the spring at rest
 LAG = "motor_lag"  # by itself it is followed in closed form (`granular.lagged`)
 _OF_GROUND = (Body.STATIC, Body.OVERSHOOT, Body.DRAG, Body.FOOT)
 _OF_RAIL = (Body.CARRIAGE, Body.RAIL)
@@ -61,7 +59,7 @@ class Laws:
     ages: bool
 
 
-_compiled_laws: dict[Any, Laws] = {}
+_compiled_laws: dict[tuple[bool, tuple[Hashable, ...]], Laws] = {}
 
 
 def laws_of(mechanisms: Sequence[Mechanism], sand: bool) -> Laws:
@@ -75,7 +73,8 @@ def laws_of(mechanisms: Sequence[Mechanism], sand: bool) -> Laws:
 def tree(m: Mechanism) -> Node:
     """The law of a mechanism as the integrator has it."""
     assert m.expression is not None
-    return smooth(m.expression.root, 0.0, SOFT) if m.acts_on is Body.SPRING else m.expression.root
+    # m/s: a sign is x / hypot(x, 1e-3) in a law of the spring, for nothing holds the spring at rest
+    return smooth(m.expression.root, 0.0, 1e-3) if m.acts_on is Body.SPRING else m.expression.root
 
 
 def steady(m: Mechanism) -> bool:

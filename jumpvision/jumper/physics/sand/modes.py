@@ -6,13 +6,11 @@ Modes and states are those of `granular`; a guard is positive while a mode lasts
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from jumpvision.base.arrays import Array
 
 from .granular import (
     AIR,
-    AT,
     INTRUDE,
     NEVER,
     STUCK,
@@ -32,12 +30,11 @@ from .granular import (
 )
 from .kernel import kernel, number
 from .laws import REST
-
-DEEPEST = 1e3  # m
+from .packed import Packed
 
 
 @kernel
-def room(t: float, s: Array, mode: int, slip: int, p: Any) -> float:
+def room(t: float, s: Array, mode: int, slip: int, p: Packed) -> float:
     """Positive while the motor is away from its limits, or while the loop presses it against the one that holds it.
 
     p.memory[3], what holds it: +-2 an end of the travel, where it stands; +-1 its greatest speed; 0 nothing.
@@ -52,13 +49,14 @@ def room(t: float, s: Array, mode: int, slip: int, p: Any) -> float:
 
 
 @kernel
-def limit(t: float, s: Array, mode: int, slip: int, p: Any) -> None:
+def limit(t: float, s: Array, mode: int, slip: int, p: Packed) -> None:
     """Stops the motor at an end of its travel, holds it at its greatest speed, or lets it go: sets memory[3], X, V."""
     side = 1.0 if p.high - s[X] < s[X] - p.low else -1.0
-    if min(p.high - s[X], s[X] - p.low) <= AT and side * s[V] >= 0.0 and abs(p.memory[3]) != 2.0:
+    at = 1e-9  # m or m/s: so near to a limit the motor is at it
+    if min(p.high - s[X], s[X] - p.low) <= at and side * s[V] >= 0.0 and abs(p.memory[3]) != 2.0:
         s[X], s[V] = p.high if side > 0.0 else p.low, 0.0  # between motor and rod: y and w go on
         p.memory[3] = 2.0 * side
-    elif p.memory[3] == 0.0 and abs(s[V]) >= p.max_speed - AT:
+    elif p.memory[3] == 0.0 and abs(s[V]) >= p.max_speed - at:
         p.memory[3] = 1.0 if s[V] > 0.0 else -1.0
         s[V] = p.memory[3] * p.max_speed
     else:
@@ -68,7 +66,7 @@ def limit(t: float, s: Array, mode: int, slip: int, p: Any) -> None:
 
 
 @kernel
-def holding_force(t: float, s: Array, mode: int, p: Any) -> float:
+def holding_force(t: float, s: Array, mode: int, p: Packed) -> float:
     """Force the rail must give [N] to hold the carriage still."""
     x_r, v_r, v_m, _, acceleration = rod(t, s, p)
     force = spring_force(x_r, v_r, s, mode, p)
@@ -78,14 +76,14 @@ def holding_force(t: float, s: Array, mode: int, p: Any) -> float:
 
 
 @kernel
-def held_between(t: float, s: Array, p: Any) -> tuple[float, float]:
+def held_between(t: float, s: Array, p: Packed) -> tuple[float, float]:
     """Least and greatest force [N] of the rail on a carriage at rest: as it would begin to move up, and down."""
     x_r, _, _, x, _ = rod(t, s, p)
     return rail_force(t, s, x_r, x, REST, p), rail_force(t, s, x_r, x, -REST, p)
 
 
 @kernel
-def guards(t: float, s: Array, mode: int, slip: int, p: Any) -> Guards:
+def guards(t: float, s: Array, mode: int, slip: int, p: Packed) -> Guards:
     """Positive while mode, slip and hold last: leave the ground or air, yield or stop, rail, limits of the motor."""
     first, second, third = 1.0, 1.0, 1.0
     last = room(t, s, mode, slip, p) if p.kp > 0.0 else 1.0
@@ -117,7 +115,7 @@ def guards(t: float, s: Array, mode: int, slip: int, p: Any) -> Guards:
 
 
 @kernel
-def settle(t: float, s: Array, p: Any) -> int:
+def settle(t: float, s: Array, p: Packed) -> int:
     """Mode of a foot at rest on the ground: 0 <= push <= F_p holds it."""
     if p.massless == 1:
         return STUCK
@@ -131,7 +129,7 @@ def settle(t: float, s: Array, p: Any) -> int:
 
 
 @kernel
-def grip(t: float, s: Array, mode: int, p: Any, still: float) -> int:
+def grip(t: float, s: Array, mode: int, p: Packed, still: float) -> int:
     """Slip of the rail: the sign of v_m, or at |v_m| <= still 0 if the rail can hold, else the sign it will take."""
     if p.dry == 0:
         return 1
@@ -148,7 +146,7 @@ def grip(t: float, s: Array, mode: int, p: Any, still: float) -> int:
 
 
 @kernel
-def squeeze(p: Any) -> float:
+def squeeze(p: Packed) -> float:
     """Compression of the spring e [m] under M g, by Newton from above: a spring that hardens only lets it fall."""
     e = p.M * p.g / p.k_s
     for _ in range(100):
@@ -163,13 +161,13 @@ def squeeze(p: Any) -> float:
 
 
 @kernel
-def carried(z: float, p: Any) -> float:
+def carried(z: float, p: Packed) -> float:
     """Force of the undisturbed bed on a foot at rest [N], long after any contact."""
     return ground_law(p, (z, -REST, 0.0, 0.0, 0.0, -NEVER, 0.0, 0.0))[0]
 
 
 @kernel
-def depth(p: Any) -> float:
+def depth(p: Packed) -> float:
     """Depth z [m] where the bed carries the robot, F_p(z) = (M + m_f) g; NaN where it cannot. `prepare` first."""
     if p.sand == 0:
         return 0.0
@@ -177,7 +175,7 @@ def depth(p: Any) -> float:
     lo, hi = 0.0, 1e-3
     while carried(hi, p) < load:
         lo, hi = hi, 2.0 * hi
-        if hi > DEEPEST:
+        if hi > 1e3:  # m
             return math.nan
     f_lo, f_hi = carried(lo, p) - load, carried(hi, p) - load
     for n in range(200):  # regula falsi, every third step a bisection

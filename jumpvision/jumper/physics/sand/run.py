@@ -14,8 +14,8 @@ packed model (`granular.CONSTANTS`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -54,6 +54,7 @@ from .granular import (
 )
 from .kernel import OPTIONS, inlined, kernel, kernel_of, number
 from .modes import depth, grip, guards, limit, room, settle, squeeze
+from .packed import Packed
 from .step import (
     BOW,
     END,
@@ -76,14 +77,12 @@ from .trial import above, first_step, foot_rate, holds, positive, share_to_bend,
 from .within import dips, efforts, fastest, heights, inside, locate, paces, peak, sample, spares
 
 MAX_EVENTS = 4000
-MAX_STEPS = 30_000  # a second, and as many beside: thirty times those of a jump; a motion that runs away has more
-ASTRAY = 100.0  # error of a step over its tolerance: where it ends says nothing of the kinks on the way
-SMALL = 1e-6  # error of a step over its tolerance: the next may be five times as long
-NOISE = 1e-14  # m or m/s, rounding of a guard that starts at zero
-STABLE = 5.0  # decays along the real axis in which a step does not grow: 6.1
-STEPS_PER_PERIOD = 4  # of the spring, at least: events are looked for twice a step
 OK, TOO_MANY_EVENTS, STEP_TOO_SMALL, CANNOT_CARRY = 0, 1, 2, 3
 NONE, UNRESOLVED = -1, -2  # of an event in a step: look again in shorter ones
+
+
+Marks = NDArray[np.bool_]
+Modes = NDArray[np.int64]
 
 
 class Space(NamedTuple):
@@ -96,12 +95,12 @@ class Space(NamedTuple):
     q: Array
     slopes: Array
     spare: Array
-    armed: NDArray[np.bool_]
+    armed: Marks
     late: Array
 
 
 @register_jitable(error_model="numpy")
-def workspace(n: int, pieces: int) -> Any:
+def workspace(n: int, pieces: int) -> Space:
     """Of a run of n states; serves any number of runs, one at a time. pieces: of a forcing that the motor lags, else
     0."""
     return Space(
@@ -118,13 +117,13 @@ def workspace(n: int, pieces: int) -> Any:
 
 
 @kernel
-def states(p: Any) -> int:
+def states(p: Packed) -> int:
     """How many states a motion has; those of the ledger come on top."""
     return N_MOTION if p.led == 1 or p.inner != 0 else X
 
 
 @kernel
-def at_rest(p: Any) -> bool:
+def at_rest(p: Packed) -> bool:
     """Sets height and depth of the robot at rest before it jumps; False where the bed cannot carry it."""
     prepare(p)
     p.deep = depth(p)
@@ -133,7 +132,7 @@ def at_rest(p: Any) -> bool:
 
 
 @kernel
-def tolerances(p: Any, atol: float, out: Array) -> float:
+def tolerances(p: Packed, atol: float, out: Array) -> float:
     """Writes atol [m] of the states: of velocities times the rate [1/s] at which the spring swings what moves with
     them, of the foot its own, of energies times the weight; returns the spring's rate."""
     rate = math.sqrt(p.k_s / p.M)
@@ -148,10 +147,10 @@ def tolerances(p: Any, atol: float, out: Array) -> float:
 
 
 @kernel
-def launch(kind: int, before: float, atol: float, peaks: Array, s: Array, tolerance: Array, p: Any) -> None:
+def launch(kind: int, before: float, atol: float, peaks: Array, s: Array, tolerance: Array, p: Packed) -> None:
     """Everything as it is before the forcing; before [m]: where the motor stands."""
     p.kind, p.rest = kind, p.height + before
-    p.longest = 2.0 * math.pi / tolerances(p, atol, tolerance) / STEPS_PER_PERIOD
+    p.longest = 2.0 * math.pi / tolerances(p, atol, tolerance) / 4  # of the spring: events are looked for twice a step
     s[:] = 0.0
     s[Y], s[XF] = p.height + p.ratio * before, -p.deep
     if s.size > X:
@@ -168,7 +167,7 @@ def launch(kind: int, before: float, atol: float, peaks: Array, s: Array, tolera
 
 
 @kernel
-def enter(piece: int, rows: Array, edges: Array, stop: float, s: Array, peaks: Array, log: Array, p: Any) -> None:
+def enter(piece: int, rows: Array, edges: Array, stop: float, s: Array, peaks: Array, log: Array, p: Packed) -> None:
     """Begins a piece of the forcing: an impulse where its rate jumps, and what then no longer holds."""
     t = edges[piece]
     p.t, p.fresh = t, 1
@@ -189,7 +188,9 @@ def enter(piece: int, rows: Array, edges: Array, stop: float, s: Array, peaks: A
 
 
 @kernel
-def begin_mode(most: float, stop: float, s: Array, slopes: Array, armed: Any, peaks: Array, log: Array, p: Any) -> None:
+def begin_mode(
+    most: float, stop: float, s: Array, slopes: Array, armed: Marks, peaks: Array, log: Array, p: Packed
+) -> None:
     """After an event or with a piece of the forcing: other equations hold. most [s]: longest step."""
     if p.next != p.mode and p.mode == STUCK:  # else logged where it happened
         begins(s, p, log)
@@ -206,7 +207,8 @@ def begin_mode(most: float, stop: float, s: Array, slopes: Array, armed: Any, pe
         p.longest = most
         if p.kp > 0.0:  # longer, and rounding grows until the error shows it
             mass = p.m_m * p.m_r / p.M
-            p.longest = min(most, STABLE / max(np.sqrt(p.kp / mass), p.kd / mass))
+            # decays along the real axis: from 6.1 on a step grows
+            p.longest = min(most, 5.0 / max(np.sqrt(p.kp / mass), p.kd / mass))
         rhs(t, s, mode, slip, p, slopes, number(0))
         if mode == INTRUDE:
             p.h = min(p.h, first_step(s, slopes[0, VF], p))
@@ -222,7 +224,7 @@ def begin_mode(most: float, stop: float, s: Array, slopes: Array, armed: Any, pe
 
 
 @inlined
-def planned(end: float, stop: float, s: Array, slopes: Array, armed: Any, p: Any) -> tuple[float, bool, bool]:
+def planned(end: float, stop: float, s: Array, slopes: Array, armed: Marks, p: Packed) -> tuple[float, bool, bool]:
     """Step [s] to try, whether it ends the piece, whether no event can be in it."""
     t, p.h, clear = p.t, min(p.h, p.longest), False
     if settling(t, p):
@@ -242,7 +244,7 @@ def planned(end: float, stop: float, s: Array, slopes: Array, armed: Any, p: Any
 
 
 @inlined
-def tried(trial: float, rtol: float, space: Any, p: Any) -> tuple[float, bool]:
+def tried(trial: float, rtol: float, space: Space, p: Packed) -> tuple[float, bool]:
     """Writes the state after the step to s1: its error over its tolerance, and whether it stands; else p.h shrinks."""
     s, s1 = space.s, space.s1
     if p.exact == 1:
@@ -250,7 +252,8 @@ def tried(trial: float, rtol: float, space: Any, p: Any) -> tuple[float, bool]:
         error = 0.0
     else:
         error = step(p.t, s, trial, p.mode, p.slip, p, space.slopes, s1, rtol, space.tolerance)
-    if p.mode == INTRUDE and error < ASTRAY:
+    # times the tolerance: where such a step ends says nothing of the kinks on the way
+    if p.mode == INTRUDE and error < 100.0:
         share = share_to_bend(s, s1, trial, p)
         if share < 1.0:
             p.h, p.after = share * trial, max(p.after, trial)
@@ -262,7 +265,7 @@ def tried(trial: float, rtol: float, space: Any, p: Any) -> tuple[float, bool]:
 
 
 @kernel
-def first_event(trial: float, final: Guards, space: Any, p: Any) -> tuple[int, float, bool]:
+def first_event(trial: float, final: Guards, space: Space, p: Packed) -> tuple[int, float, bool]:
     """Which guard falls first in a step, looked at in the middle and at the end: (guard or NONE or UNRESOLVED, share of
     the step, whether its dense output is written). final: guards at its end."""
     s, s1, work, q, slopes, armed = space.s, space.s1, space.work, space.q, space.slopes, space.armed
@@ -290,7 +293,8 @@ def first_event(trial: float, final: Guards, space: Any, p: Any) -> tuple[int, f
             if final[i] <= 0.0:
                 if trial > RESOLVE:
                     unresolved = True
-                elif final[i] < -NOISE and theta > 0.0 and not (mode == STUCK and t < p.held):
+                # a guard that starts at zero is rounded to 1e-14 m or m/s
+                elif final[i] < -1e-14 and theta > 0.0 and not (mode == STUCK and t < p.held):
                     event, theta = i, 0.0
             continue
         if not known:
@@ -304,7 +308,9 @@ def first_event(trial: float, final: Guards, space: Any, p: Any) -> tuple[int, f
 
 
 @kernel
-def cut(event: int, theta: float, trial: float, known: bool, rtol: float, space: Any, p: Any) -> tuple[float, bool]:
+def cut(
+    event: int, theta: float, trial: float, known: bool, rtol: float, space: Space, p: Packed
+) -> tuple[float, bool]:
     """Writes the state at an event to s1: the step [s] that the dense output is of, and whether it is written."""
     p.taken = theta * trial
     if p.exact == 1:
@@ -318,7 +324,7 @@ def cut(event: int, theta: float, trial: float, known: bool, rtol: float, space:
 
 
 @inlined
-def rises(wide: float, clear: bool, known: bool, asked: bool, stop: float, space: Any, p: Any) -> bool:
+def rises(wide: float, clear: bool, known: bool, asked: bool, stop: float, space: Space, p: Packed) -> bool:
     """Raises the greatest heights to those along a step that stands, p.taken from p.t to s1; whether its dense output
     is written then. asked: it is needed anyway."""
     s, s1, work, q = space.s, space.s1, space.work, space.q
@@ -348,7 +354,7 @@ def rises(wide: float, clear: bool, known: bool, asked: bool, stop: float, space
 
 
 @inlined
-def strains(wide: float, known: bool, peaks: Array, space: Any, p: Any) -> None:
+def strains(wide: float, known: bool, peaks: Array, space: Space, p: Packed) -> None:
     """Raises the motor's peaks to those along the step."""
     s, s1, work, q, slopes = space.s, space.s1, space.work, space.q, space.slopes
     t, h, mode, slip, exact = p.t, p.taken, p.mode, p.slip, p.exact == 1
@@ -363,7 +369,7 @@ def strains(wide: float, known: bool, peaks: Array, space: Any, p: Any) -> None:
 
 
 @inlined
-def write(reached: float, wide: float, t_out: Array, out: Array, modes: Any, space: Any, p: Any) -> None:
+def write(reached: float, wide: float, t_out: Array, out: Array, modes: Modes, space: Space, p: Packed) -> None:
     """Rows of output along the step."""
     while p.sampled < t_out.size and t_out[p.sampled] <= reached:
         at, exact = t_out[p.sampled], p.exact == 1
@@ -375,12 +381,12 @@ def write(reached: float, wide: float, t_out: Array, out: Array, modes: Any, spa
 
 
 @kernel_of
-def compiled_run(key: str) -> Callable[..., Any]:
+def compiled_run(key: str) -> Callable[..., int]:
     """`run` compiled for all that follow jumps; key: of all that it is made of, a part of numba's."""
 
     @njit(**{**OPTIONS, "cache": True, "nogil": True, "no_cpython_wrapper": False})
     def run(
-        constants: Any,
+        constants: Sequence[Packed],
         kind: int,
         rows: Array,
         edges: Array,
@@ -388,12 +394,12 @@ def compiled_run(key: str) -> Callable[..., Any]:
         stop: float,
         t_out: Array,
         out: Array,
-        modes: NDArray[np.int64],
+        modes: Modes,
         log: Array,
         rtol: float,
         atol: float,
         peaks: Array,
-        space: Any,
+        space: Space,
     ) -> int:
         """Follows a robot from rest through its forcing; returns a status.
 
@@ -429,7 +435,8 @@ def compiled_run(key: str) -> Callable[..., Any]:
                     p.v_old = motor(p.t, s, p)[1]
                     break
                 steps += 1
-                if steps > MAX_STEPS * (1.0 + end - edges[0]):
+                # a second, and as many beside: thirty times those of a jump; a motion that runs away has more
+                if steps > 30_000 * (1.0 + end - edges[0]):
                     return STEP_TOO_SMALL
                 trial, last, clear = planned(end, stop, s, space.slopes, space.armed, p)
                 error, stands = tried(trial, rtol, space, p)
@@ -467,7 +474,8 @@ def compiled_run(key: str) -> Callable[..., Any]:
                 elif last or p.after > 0.0:
                     p.h, p.after = max(trial, p.after), 0.0
                 else:
-                    p.h = trial * (min(5.0, 0.8 * error ** (-1.0 / ORDER)) if error > SMALL else 5.0)
+                    # the error over its tolerance: the next may be five times as long
+                    p.h = trial * (min(5.0, 0.8 * error ** (-1.0 / ORDER)) if error > 1e-6 else 5.0)
         if p.mode == INTRUDE:
             p.memory[FLOOR] = max(p.memory[FLOOR], -s[XF])
         return OK

@@ -7,7 +7,6 @@ third and fifth order, and a dense output of order 7 from three more stages.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -32,6 +31,7 @@ from .granular import (
     yield_force,
 )
 from .kernel import combination, inlined, kernel, number
+from .packed import Packed
 
 ORDER = 8
 N_SLOPES, END = 16, 12  # END: the slope at the end of a step; behind it what the dense output needs
@@ -85,7 +85,7 @@ def step(
     h: float,
     mode: int,
     slip: int,
-    p: Any,
+    p: Packed,
     k: Array,
     s1: Array,
     rtol: float,
@@ -139,7 +139,7 @@ def dense(
     h: float,
     mode: int,
     slip: int,
-    p: Any,
+    p: Packed,
     k: Array,
     s1: Array,
     work: Array,
@@ -177,9 +177,6 @@ def middle(s: Array, s1: Array, k: Array, h: float, out: Array) -> None:
         out[j] = 0.5 * (s[j] + s1[j]) + 0.125 * h * (k[0, j] - k[END, j])
 
 
-RESONANT = 1e-6  # |1 - (forcing / natural frequency)^2| and damping both below: the form divides by zero
-STEPS_PER_PERIOD = 8  # of the oscillation in q: events are looked for twice a step, and between by a parabola
-
 # An arc: start, cosine and sine part of the oscillation, its decay and frequency, four numbers of the particular
 # solution (level, sine, cosine; or a cubic) and what follows a lag's transient in it, height and rate of the mass
 # centre, its acceleration downwards, share of the foot in the mass, its place at rest; amplitude of the oscillation at
@@ -188,14 +185,14 @@ T0, COS, SIN, HALF, OMEGA, P0, P1, P2, P3, LATE, Z, U, PULL, SHARE, FOOT, SWING,
 
 
 @kernel
-def oscillator(mode: int, p: Any) -> tuple[float, float]:
+def oscillator(mode: int, p: Packed) -> tuple[float, float]:
     """k/m [1/s^2] and c/m [1/s] of the oscillation in q."""
     inverse = 1.0 / p.M + (1.0 / p.m_f if mode == AIR and p.massless == 0 else 0.0)
     return p.k_s * inverse, p.c_s * inverse
 
 
 @kernel
-def longest_step(mode: int, slip: int, p: Any) -> float:
+def longest_step(mode: int, slip: int, p: Packed) -> float:
     """Step [s] to look for events with, or 0 where the closed form does not hold."""
     if mode == INTRUDE or p.linear == 0 or slip == 0:
         return 0.0
@@ -204,13 +201,14 @@ def longest_step(mode: int, slip: int, p: Any) -> float:
         return 0.0
     if p.kind == SINE:
         share = p.row[4] * p.row[4] / stiff
-        if p.row[3] != 0.0 and abs(1.0 - share) + damp * math.sqrt(share / stiff) < RESONANT:
+        # both parts so small: the form divides by zero
+        if p.row[3] != 0.0 and abs(1.0 - share) + damp * math.sqrt(share / stiff) < 1e-6:
             return 0.0
-    return 2.0 * math.pi / math.sqrt(stiff) / STEPS_PER_PERIOD
+    return 2.0 * math.pi / math.sqrt(stiff) / 8  # events are looked for twice a step, and between by a parabola
 
 
 @inlined
-def particular(t: float, p: Any) -> tuple[float, float]:
+def particular(t: float, p: Packed) -> tuple[float, float]:
     """The solution q(t), q'(t) that moves as the motor does."""
     left, fall = 0.0, 0.0
     if settling(t, p):
@@ -229,7 +227,7 @@ def particular(t: float, p: Any) -> tuple[float, float]:
 
 
 @kernel
-def begin(t: float, s: Array, mode: int, slip: int, p: Any) -> None:
+def begin(t: float, s: Array, mode: int, slip: int, p: Packed) -> None:
     """Writes the arc p.arc that starts from the state s at t; dry friction of the rail is a constant force on it."""
     p.arc[T0], p.arc[FOOT], p.arc[BOW] = t, s[XF], math.inf
     rail = rail_friction(t, s, s[Y], 0.0, 0.0, slip, p) / p.M
@@ -277,7 +275,7 @@ def begin(t: float, s: Array, mode: int, slip: int, p: Any) -> None:
 
 
 @kernel
-def flow(t: float, mode: int, p: Any, out: Array) -> None:
+def flow(t: float, mode: int, p: Packed, out: Array) -> None:
     """Writes the state at t on the arc, exact to rounding."""
     h = t - p.arc[T0]
     if p.massless == 1 and mode == AIR:
@@ -302,7 +300,7 @@ def flow(t: float, mode: int, p: Any, out: Array) -> None:
 
 
 @kernel
-def clear_until(t: float, s: Array, mode: int, p: Any, best: float, com: float) -> float:
+def clear_until(t: float, s: Array, mode: int, p: Packed, best: float, com: float) -> float:
     """Time until which no guard falls, for sure, and the rod stays below its peak or below `best`; on the ground also
     the centre of mass below `com` (t: unknown).
 
@@ -334,7 +332,7 @@ def clear_until(t: float, s: Array, mode: int, p: Any, best: float, com: float) 
 
 
 @kernel
-def stay(h: float, swing: float, most: float, p: Any) -> float:
+def stay(h: float, swing: float, most: float, p: Packed) -> float:
     """Time [s] from h after the arc's start for which the push on the foot at rest, weight + amplitude cos(angle) were
     there no damping, lies between 0 and `most` [N] for sure."""
     half, omega, turn = p.arc[HALF], p.arc[OMEGA], 2.0 * math.pi

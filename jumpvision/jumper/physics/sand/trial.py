@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from jumpvision.base.arrays import Array
@@ -11,6 +9,7 @@ from jumpvision.base.arrays import Array
 from .granular import AIR, VF, XF, Guards
 from .kernel import kernel
 from .laws import BENDS
+from .packed import Packed
 
 NEAR = 0.05  # of a guard at the ends of a step: a middle value below it is looked at with the dense output
 ON = 1e-9  # m, so near to a kink of a law a step begins or ends on it
@@ -29,7 +28,7 @@ def positive(g: Guards) -> bool:
 
 
 @kernel
-def holds(a: Guards, b: Guards, fall: float, mode: int, p: Any) -> bool:
+def holds(a: Guards, b: Guards, fall: float, mode: int, p: Packed) -> bool:
     """Whether the guards of an arc, a and b at the ends of a step, stay above zero: between, they are at most `fall`
     below the straight line."""
     return min(a[0], b[0]) > fall and (mode == AIR or p.sand == 0 or min(a[1], b[1]) > fall)
@@ -47,7 +46,7 @@ def above(half: Guards, a: Guards, b: Guards) -> bool:
 
 
 @kernel
-def time_to_bend(s: Array, acceleration: float, p: Any) -> float:
+def time_to_bend(s: Array, acceleration: float, p: Packed) -> float:
     """When [s] the foot will reach the first kink of a law, as it slows down now; inf without one."""
     z, v, at = -s[XF], -s[VF], np.inf
     for i in range(BENDS):
@@ -58,7 +57,7 @@ def time_to_bend(s: Array, acceleration: float, p: Any) -> float:
 
 
 @kernel
-def share_to_bend(s: Array, s1: Array, h: float, p: Any) -> float:
+def share_to_bend(s: Array, s1: Array, h: float, p: Packed) -> float:
     """Share of a step from s to s1 at which the foot reaches the first kink of a law, by the cubic through both; 1.0
     without one."""
     z, z1, at = -s[XF], -s1[XF], np.inf
@@ -78,7 +77,7 @@ def share_to_bend(s: Array, s1: Array, h: float, p: Any) -> float:
 
 
 @kernel
-def first_step(s: Array, acceleration: float, p: Any) -> float:
+def first_step(s: Array, acceleration: float, p: Packed) -> float:
     """Step [s] to begin an intrusion with: a share of the time in which drag stops the foot or a spring would."""
     swing = 0.6 * np.sqrt(p.m_f / p.k_s)
     return min(swing, 2.0 * abs(s[VF] / acceleration)) if s[VF] < 0.0 and acceleration > 0.0 else swing

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from jumpvision.jumper.physics.forcing import sincos
 from .granular import AIR, SINE, STUCK, VF, XF, W, Y, motor_force, rhs, rod
 from .kernel import kernel, number
 from .modes import guards
+from .packed import Packed
 from .step import HALF, OMEGA, P1, P2, SHARE, SWING, between, flow, middle
 
 Triple = tuple[float, float, float]
@@ -20,7 +20,6 @@ Triple = tuple[float, float, float]
 ROOT = 1e-14  # s, width of the bracket at which an event is found
 SAMPLES = 60  # of the motor force in a period of the forcing
 TURN = 1e-8  # of the greatest rate in a step: the height is the greatest to the square of it
-RISE = 2.0  # times a sinusoid of the range seen: what a quantity may rise by within a piece
 MARGIN = 0.05  # of a guard's range over a step: how near to zero its parabola may come
 
 N_OUT = 7
@@ -37,7 +36,7 @@ def inside(
     exact: bool,
     q: Array,
     mode: int,
-    p: Any,
+    p: Packed,
     out: Array,
 ) -> None:
     """Writes the state at the share theta of the h [s] that began at s; wide [s]: of the step that q is of."""
@@ -77,7 +76,7 @@ def locate(
     work: Array,
     mode: int,
     slip: int,
-    p: Any,
+    p: Packed,
 ) -> float:
     """Share of the step where guard i reaches zero, in its first half (early) or its second; ends: at the begin, middle
     and end of the step. By inverse parabolas (Brent's method less its bookkeeping)."""
@@ -108,7 +107,7 @@ def locate(
 
 
 @kernel
-def heights(t: float, s: Array, p: Any) -> tuple[float, float, float, float]:
+def heights(t: float, s: Array, p: Packed) -> tuple[float, float, float, float]:
     """Height and rate of the rod, then of the centre of mass of the whole robot."""
     x_r, v_r, _, _, _ = rod(t, s, p)
     mass = p.M + p.m_f
@@ -127,7 +126,7 @@ def peak(
     q: Array,
     work: Array,
     mode: int,
-    p: Any,
+    p: Packed,
 ) -> float:
     """Greatest height within a step over which its rate turns from up to down. which: 0 rod, 2 centre of mass;
     end: `heights` at its end."""
@@ -149,7 +148,7 @@ def peak(
 
 
 @kernel
-def sample(t: float, s: Array, mode: int, slip: int, p: Any, k: Array, out: Array) -> None:
+def sample(t: float, s: Array, mode: int, slip: int, p: Packed, k: Array, out: Array) -> None:
     """Writes one row of the output, or of it the height of the rod alone."""
     x_r, v_r, _, x, _ = rod(t, s, p)
     if out.size == 1:
@@ -177,7 +176,7 @@ def turning(a: float, b: float, c: float, peak: float) -> bool:
 
 
 @kernel
-def paces(mode: int, p: Any) -> tuple[float, float]:
+def paces(mode: int, p: Packed) -> tuple[float, float]:
     """Rates [rad/s] of the forcing or the spring, the faster, as it is looked at and with the foot free to move."""
     light = 1.0 / p.m_f if mode != STUCK and p.massless == 0 else 0.0
     fast = math.sqrt(p.k_s * (1.0 / p.M + light))
@@ -186,7 +185,7 @@ def paces(mode: int, p: Any) -> tuple[float, float]:
 
 
 @kernel
-def fastest(start: float, end: float, p: Any) -> float:
+def fastest(start: float, end: float, p: Packed) -> float:
     """Greatest |X_m'| [m/s] of a sinusoid from start to end [s]."""
     a, b = p.row[4] * (start - p.row[0]) + p.row[5], p.row[4] * (end - p.row[0]) + p.row[5]
     if math.floor(b / math.pi) >= math.ceil(a / math.pi):
@@ -195,7 +194,7 @@ def fastest(start: float, end: float, p: Any) -> float:
 
 
 @kernel
-def spares(peaks: Array, p: Any) -> bool:
+def spares(peaks: Array, p: Packed) -> bool:
     """Whether force and power of the motor surely stay below their peaks on a flight in closed form, driven by a
     sinusoid whose `fastest` is among the peaks."""
     if p.kind != SINE or p.dry == 1 or p.tau > 0.0 or p.drive != 0:
@@ -221,7 +220,7 @@ def efforts(
     work: Array,
     mode: int,
     slip: int,
-    p: Any,
+    p: Packed,
     k: Array,
     peaks: Array,
 ) -> tuple[Triple, bool]:
@@ -239,7 +238,7 @@ def efforts(
     pieces = max(1, math.ceil(8.0 * rate * h / (2.0 * math.pi) - 1e-6))
     n = 2 + int(SAMPLES * rate * h / pieces / (2.0 * math.pi))
     x = max(rate, fast) * h / pieces
-    rise = RISE * 0.125 * x * x
+    rise = 2.0 * 0.125 * x * x  # within a piece it may rise by twice what a sinusoid of the range seen would
     for i in range(pieces):
         if i + 1 < pieces:
             if not known:
