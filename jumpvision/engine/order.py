@@ -29,6 +29,7 @@ if TYPE_CHECKING:  # imported where they are asked for: most questions end befor
 
 STARTS = 6  # of the baseline's fit where runs cost; else four times as many, over the ranges of its parameters
 NEIGHBOURS = ("kind", "volume_fraction", "delay", "frequency")  # labels that order conditions
+HALVED = 4.0  # of chi^2, where the error is halved
 SEED, LAW_SEED = 1, 2  # of the look at generic forces, and of the folds by which a law's gain is judged
 
 Say = Callable[[str], None]
@@ -134,6 +135,8 @@ class Order:
         if n is None or n.status == Status.COMPLETE or n.by_chance:
             return d
         law = self.laws.law(d.baseline, n) if self.laws else None
+        if law and n.named and n.best.fit.chi2 < HALVED * law.fit.chi2:
+            law = None  # beside named causes a law of no list that leaves nearly as much explains nothing
         return replace(d, law=law) if law else replace(d, left=self._generic(d.baseline, n))
 
     def _generic(self, base: Fit, n: Naming) -> Unexplained | None:

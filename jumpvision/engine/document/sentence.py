@@ -96,7 +96,7 @@ def law_in_words(law: record.Discovered, words: Words, does: str) -> str:
     what = words.acts_on.get(law.acts_on, "a law")
     text = f"; {what} {does}: {law.law} with {free}{f' ({fixed})' if fixed else ''}"
     text += f", {100 * law.r2:.3g} % of it"
-    if law.ceiling_r2 is not None:
+    if law.ceiling_r2 is not None and 0.0 <= law.ceiling_r2 <= 1.0:
         text += f" (any smooth force of the same position and rate: {100 * law.ceiling_r2:.3g} %)"
     if law.passive is not False:
         return text
