@@ -21,7 +21,8 @@ from .motion import POWER, Motion, curvature, motion
 from .noise import with_noise
 from .piece import Piece
 from .segments import FLIGHT, LIKE
-from .spring import Ring, Settings
+from .beyond import Drive, Ring
+from .spring import Settings
 
 FEWEST = 6  # samples of a piece
 GROSS = 1.5  # times its stated sigma that a track scatters, which is said
@@ -42,6 +43,7 @@ def track_flights(
     gravity_sigma: float = 0.0,
     lag: float = 0.0,
     ring: Ring | None = None,
+    offset: ArrayLike | None = None,
 ) -> Flights:
     """Flights from the track: the record as one motion of rest, straight motion, contact and flight.
 
@@ -70,8 +72,10 @@ def track_flights(
         raise ValueError("track_flights: t must increase from sample to sample")
     if not stated:
         sigma = np.full(t.size, noise_of(h))
-    how = Settings(gravity, gravity_sigma, shortest, ring, lag)
+    drive = None if offset is None else Drive(t, np.asarray(offset, float)[good])
     cut, noise = with_noise([Piece(t[i:j], h[i:j], sigma[i:j]) for i, j in pieces(t, max_gap)], gravity, stated)
+    shaken = noise.factor * ripple / math.sqrt(2.0) if stated and ring else 0.0
+    how = Settings(gravity, gravity_sigma, shortest, ring, lag, drive=drive, shaken=shaken)
     whole, warned = as_filmed(cut, how)
     if stated and noise.factor > GROSS:
         said = (

@@ -187,6 +187,7 @@ def find_flights(
         ripple=foot_ripple(*foot) if foot else 0.0,
         lag=robot.spring_damping / spring if spring else 0.0,
         ring=swing_of(robot),
+        offset=motion.height - rod.arrays[1],
     )
     for doubt in found.doubts:
         warnings.warn(f"flights: {doubt.message}", StageWarning, stacklevel=2)
@@ -200,7 +201,7 @@ def swing_of(robot: Robot) -> Ring | None:
         return None
     k, m_f, mass, _ = foot
     light = 1.0 / m_f + 1.0 / mass
-    return Ring(math.sqrt(k * light), 0.5 * robot.spring_damping * light)
+    return Ring(math.sqrt(k * light), 0.5 * robot.spring_damping * light, m_f / (mass + m_f))
 
 
 def longer_than(flights: Flights, shortest: float) -> Flights:
