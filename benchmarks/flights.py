@@ -237,14 +237,22 @@ def jumper(rng: Rng, *, sand: bool = False, foot: bool = False, motor: bool = Fa
     told = {"lag": c / k} if not sand else {}
     if mf:
         swing = mf / (m + mf) * 3.0 * m * g / k
-        told |= {"ripple": swing, "frequency": math.sqrt(k / mf + k / m), "decay": 0.5 * c * (1 / mf + 1 / m), "share": mf / (m + mf)}
+        told |= {
+            "ripple": swing,
+            "frequency": math.sqrt(k / mf + k / m),
+            "decay": 0.5 * c * (1 / mf + 1 / m),
+            "share": mf / (m + mf),
+        }
+
     def drawn(t: np.ndarray) -> np.ndarray:
         x = size * (np.sin(w * (t - start) + phase) - math.sin(phase))
         return 0.85 * np.where((t >= start) & (t < stop), x, 0.0)
 
     moved = drawn if motor else None
     name = f"jumper{' on sand' if sand else ''}{', foot' if mf else ''}{', motor' if motor else ''}"
-    return Scene(name, lambda t: np.interp(t, grid, centre), edges, heights, span, g, told=told, still=stop, motor=moved)
+    return Scene(
+        name, lambda t: np.interp(t, grid, centre), edges, heights, span, g, told=told, still=stop, motor=moved
+    )
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from .piece import Line, Piece
 STIFFNESS = (20.0, 30.0, 45.0, 65.0, 100.0, 150.0, 250.0, 400.0, 700.0, 1200.0)  # rad/s, where a fit starts
 PLACES, MOST = 24, 100  # of an edge, where a fit starts; samples that this looks at
 SHRUNK = (1.0, 0.6, 0.35, 0.2)  # of the way to the turning point, tried in turn
+POWER, STRONGEST = 3.0, 0.8  # sigmas of a correlation that is looked for, and the strongest
 POOR = 1e-3  # chance of chi^2 below which a contact is none of a spring
 
 
@@ -55,6 +56,7 @@ class Sprung:
     n: int
     curvature: tuple[float, float]
     window: tuple[int, int] = (0, 0)
+    rho: float = 0.0  # correlation of what is left from sample to sample
     wide: float = 1.0  # chi^2 with the noise that other curves are judged by, over chi2
 
     @property
@@ -108,6 +110,9 @@ def sprung(
         lo = inside[0] - round(share * (inside[0] - reach[0])) if -1 in edges else inside[0]
         hi = inside[1] + round(share * (reach[1] - inside[1])) if 1 in edges else inside[1]
         found = _fitted(still.part(lo, hi), piece.t[inside[0]], piece.t[inside[1] - 1], edges, how)
+        if found is not None and how.shaken and found.rho > POWER / math.sqrt(hi - lo):
+            coloured = replace(still, rho=min(found.rho, STRONGEST))
+            found = _fitted(coloured.part(lo, hi), piece.t[inside[0]], piece.t[inside[1] - 1], edges, how) or found
         if found is not None:
             best = replace(found, window=(lo, hi), wide=wide)
             if found.good:
@@ -194,7 +199,9 @@ def _fitted(
     dof = n - q.size
     factor = scatter_factor(chi2, dof) ** 2
     g = (gravity + gravity_sigma * q[2], gravity_sigma * math.sqrt(cov[2, 2])) if free_gravity else (gravity, 0.0)
-    return Sprung(origin, q[:many], origin + times, factor * cov[:keep, :keep], edges, chi2, n, g)
+    left = residual(q)[:n]
+    rho = float(left[1:] @ left[:-1] / max(left @ left, 1e-300))
+    return Sprung(origin, q[:many], origin + times, factor * cov[:keep, :keep], edges, chi2, n, g, rho=rho)
 
 
 def _start(

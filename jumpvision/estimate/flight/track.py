@@ -67,14 +67,17 @@ def track_flights(
     if not gravity > 0.0:
         raise ValueError(f"track_flights: gravity = {gravity!r} m/s^2 must be > 0 (along the rail)")
     good = np.isfinite(t) & np.isfinite(h) & np.isfinite(sigma)
-    t, h, sigma = t[good], h[good], np.hypot(sigma[good], ripple / math.sqrt(2.0))
+    t, h, sigma = t[good], h[good], sigma[good]
     if np.any(np.diff(t) <= 0.0):
         raise ValueError("track_flights: t must increase from sample to sample")
     if not stated:
         sigma = np.full(t.size, noise_of(h))
+    sigma = np.hypot(sigma, ripple / math.sqrt(2.0))
     drive = None if offset is None else Drive(t, np.asarray(offset, float)[good])
-    cut, noise = with_noise([Piece(t[i:j], h[i:j], sigma[i:j]) for i, j in pieces(t, max_gap)], gravity, stated)
-    shaken = noise.factor * ripple / math.sqrt(2.0) if stated and ring else 0.0
+    cut, noise = with_noise(
+        [Piece(t[i:j], h[i:j], sigma[i:j]) for i, j in pieces(t, max_gap)], gravity, stated or ripple > 0.0
+    )
+    shaken = noise.factor * ripple / math.sqrt(2.0) if ring else 0.0
     how = Settings(gravity, gravity_sigma, shortest, ring, lag, drive=drive, shaken=shaken)
     whole, warned = as_filmed(cut, how)
     if stated and noise.factor > GROSS:
