@@ -13,7 +13,7 @@ from .ground import Ground
 from .motion import POWER, Motion, Part, curvature, price, pushed, turning
 from .piece import Line, Piece, crossing, moves, polynomial
 from .segments import FLIGHT, NUMBERS, REST
-from .spring import Settings, Sprung, quiet, sprung, swings, well
+from .spring import SHRUNK, Settings, Sprung, quiet, sprung, swings, well
 
 UNLIKE = 3.0  # sigmas by which a flight's own curvature may differ before it is fitted with it
 FEWEST = 6  # samples of a smooth motion that a flight may meet at an angle
@@ -201,21 +201,25 @@ def corner(motion: Motion, k: int, side: int, reach: tuple[int, int], how: Setti
     at = motion.corners.get(k + min(side, 0))
     if at is not None and other.kind == FLIGHT:
         return Beside(k + side, motion.lines[k + side], at, "impact")
-    if at is not None and other.kind == REST and len(other) > len(motion.parts[k]):  # longer than any turn on a spring
+    lo, hi = (reach[0], motion.parts[k].i) if side < 0 else (motion.parts[k].j, reach[1])
+    driven = how.drive is not None and hi - lo > 2 and how.drive.near(piece.t[lo:hi], 0.0) is not None
+    longer = len(other) > len(motion.parts[k])  # than any turn on a spring
+    if at is not None and other.kind == REST and longer and not driven:
         return Beside(k + side, motion.lines[k + side], at, "rest")
-    if side < 0 and other.kind == REST and (let := released(motion, k)) is not None:
+    if side < 0 and other.kind == REST and not driven and (let := released(motion, k)) is not None:
         return let
     kind = "rest" if other.kind == REST else "support"
     found = Beside(k + side, motion.lines[k + side], at, kind) if at is not None else bent(motion, k, side, reach)
     if found is None:
         return None
-    lo, hi = (reach[0], motion.parts[k].i) if side < 0 else (motion.parts[k].j, reach[1])
     if hi - lo < 2:
         return found
     part = motion.parts[k]
     cut = len(part) // 6  # the other end may hang over into a contact of its own
     inside = (part.i + cut, part.j) if side > 0 else (part.i, part.j - cut)
-    spring = sprung(piece, inside, (lo, hi), (side,), how, shares=(1.0,))
+    spring = sprung(piece, inside, (lo, hi), (side,), how, shares=SHRUNK if driven else (1.0,))
+    if driven and spring is not None and spring.good:  # a moving motor makes no corner
+        return None
     if spring is None or not well(spring.spent, spring.dof):
         return found
     spent = replace(part, i=inside[0], j=inside[1]).line(piece, how.gravity).chi2

@@ -200,7 +200,7 @@ def _fitted(
     factor = scatter_factor(chi2, dof) ** 2
     g = (gravity + gravity_sigma * q[2], gravity_sigma * math.sqrt(cov[2, 2])) if free_gravity else (gravity, 0.0)
     left = residual(q)[:n]
-    rho = float(left[1:] @ left[:-1] / max(left @ left, 1e-300))
+    rho = float(left[1:] @ left[:-1]) / max(float(left @ left), 1e-300)
     return Sprung(origin, q[:many], origin + times, factor * cov[:keep, :keep], edges, chi2, n, g, rho=rho)
 
 

@@ -14,6 +14,7 @@ from jumpvision.base.arrays import Array, with_digits_of
 
 from ..estimate import checked, checked_sigma
 from ..mean import difference_noise
+from .beyond import Drive, Ring
 from .edges import Flight, flight
 from .flights import NAN, Doubt, Flights
 from .ground import ground
@@ -21,7 +22,6 @@ from .motion import POWER, Motion, curvature, motion
 from .noise import with_noise
 from .piece import Piece
 from .segments import FLIGHT, LIKE
-from .beyond import Drive, Ring
 from .spring import Settings
 
 FEWEST = 6  # samples of a piece
