@@ -234,7 +234,7 @@ def jumper(rng: Rng, *, sand: bool = False, foot: bool = False, motor: bool = Fa
     grid = np.arange(n) * STEP
     lasting = np.diff(edges, axis=1)[:, 0]
     heights = g * np.where(np.isfinite(lasting), lasting, 0.0) ** 2 / 8.0
-    told = {"lag": c / k} if not sand else {}
+    told = {"stiffness": w0} | ({"lag": c / k} if not sand else {})
     if mf:
         swing = mf / (m + mf) * 3.0 * m * g / k
         told |= {

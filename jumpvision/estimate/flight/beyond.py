@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -48,23 +49,28 @@ class Drive:
     t: Array
     o: Array
 
+    @cached_property
+    def rate(self) -> Array:
+        """Of o [m/s]."""
+        return np.asarray(np.gradient(self.o, self.t))
+
     def near(self, t: Array, origin: float) -> Drive | None:
         """On a fine grid over the times t, from `origin` on; None where the motor rests."""
         if self.t.size < 3 or np.ptp(np.interp(t, self.t, self.o)) == 0.0:
             return None
-        fine = np.linspace(t[0], t[-1], 4 * t.size + 1)
+        fine = np.linspace(t[0], t[-1], 2 * t.size + 1)
         inside = (self.t >= t[0] - (t[-1] - t[0])) & (self.t <= 2.0 * t[-1] - t[0])
         course = np.interp if inside.sum() < 4 else _smooth
         return Drive(fine - origin, course(fine, self.t[inside], self.o[inside]))
 
     def at(self, u: float) -> tuple[float, float]:
         """(o, its rate [m/s])."""
-        return float(np.interp(u, self.t, self.o)), float(np.interp(u, self.t, np.gradient(self.o, self.t)))
+        return float(np.interp(u, self.t, self.o)), float(np.interp(u, self.t, self.rate))
 
     def response(self, u: Array, start: float, w: float, gamma: float, still: float) -> Array:
         """z (n,) [m] at times u of z'' = w^2 (o - still - z) + 2 gamma (o' - z'), from rest at `start`."""
         wd = math.sqrt(max(w * w - gamma * gamma, 1e-6 * w * w))
-        pull = w * w * (self.o - still) + 2.0 * gamma * np.gradient(self.o, self.t)
+        pull = w * w * (self.o - still) + 2.0 * gamma * self.rate
         turn = np.exp((gamma - 1j * wd) * self.t) * pull
         total = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(self.t) * (turn[1:] + turn[:-1]))])
         since = np.interp(u, self.t, total) - np.interp(start, self.t, total)

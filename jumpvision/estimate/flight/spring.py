@@ -15,9 +15,12 @@ from .beyond import Beyond, Drive, Ring
 from .piece import Line, Piece
 
 STIFFNESS = (20.0, 30.0, 45.0, 65.0, 100.0, 150.0, 250.0, 400.0, 700.0, 1200.0)  # rad/s, where a fit starts
+KNOWN = {-1: 0.1, 1: 0.3}  # sigma of log w of a spring that is told, at a lift-off; at a landing sand softens it
+ABOUT = (0.5, 0.7, 0.85, 1.0, 1.2)  # times that w, where a fit starts
 PLACES, MOST = 24, 100  # of an edge, where a fit starts; samples that this looks at
 SHRUNK = (1.0, 0.6, 0.35, 0.2)  # of the way to the turning point, tried in turn
 POWER, STRONGEST = 3.0, 0.8  # sigmas of a correlation that is looked for, and the strongest
+HALF = 0.5  # of a contact, whose edges must be those of the whole
 POOR = 1e-3  # chance of chi^2 below which a contact is none of a spring
 
 
@@ -26,7 +29,8 @@ class Settings:
     """gravity, its sigma [m/s^2]; shortest flight [s]; ring of a foot; lag = c/k [s] of the damper at the spring.
 
     fitted: whether that gravity is one of the record's own, which a swing's top may imitate. drive: of the motor.
-    shaken [m]: what the noise was widened by for the ring, which is fitted here.
+    shaken [m]: what the noise was widened by for the ring, which is fitted here. stiffness: w [rad/s] of the spring,
+    known to KNOWN.
     """
 
     gravity: float
@@ -37,6 +41,7 @@ class Settings:
     fitted: bool = False
     drive: Drive | None = None
     shaken: float = 0.0
+    stiffness: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -106,18 +111,38 @@ def sprung(
     best = None
     still = quiet(piece, how)
     wide = float(np.median(still.sigma / piece.sigma)) ** 2
-    for share in shares:
+
+    def fitted(share: float) -> Sprung | None:
         lo = inside[0] - round(share * (inside[0] - reach[0])) if -1 in edges else inside[0]
         hi = inside[1] + round(share * (reach[1] - inside[1])) if 1 in edges else inside[1]
-        found = _fitted(still.part(lo, hi), piece.t[inside[0]], piece.t[inside[1] - 1], edges, how)
+        ends = piece.t[inside[0]], piece.t[inside[1] - 1]
+        found = _fitted(still.part(lo, hi), *ends, edges, how)
         if found is not None and how.shaken and found.rho > POWER / math.sqrt(hi - lo):
             coloured = replace(still, rho=min(found.rho, STRONGEST))
-            found = _fitted(coloured.part(lo, hi), piece.t[inside[0]], piece.t[inside[1] - 1], edges, how) or found
+            found = _fitted(coloured.part(lo, hi), *ends, edges, how) or found
+        return None if found is None else replace(found, window=(lo, hi), wide=wide)
+
+    for share in shares:
+        found = fitted(share)
         if found is not None:
-            best = replace(found, window=(lo, hi), wide=wide)
+            best = found
             if found.good:
                 break
-    return best
+    if best is None or how.ring is None or len(shares) == 1:
+        return best
+    less = fitted(HALF * share)
+    return best if less is None else doubted(best, less)
+
+
+def doubted(best: Sprung, less: Sprung) -> Sprung:
+    """With what a fit of less of the contact finds elsewhere, beyond what it knows less: the ground or the foot is none
+    of the model's."""
+    m = len(best.edges)
+    cov = best.cov.copy()
+    at = np.arange(len(cov))[-m:]
+    unsure = (less.times - best.times) ** 2 - np.maximum(np.diag(less.cov)[-m:] - cov[at, at], 0.0)
+    cov[at, at] += np.maximum(unsure, 0.0)
+    return replace(best, cov=cov)
 
 
 def quiet(piece: Piece, how: Settings) -> Piece:
@@ -161,15 +186,20 @@ def _fitted(
             asked[key] = np.hstack([*columns, added[:, 3:]]), gravity * added[:, 1] + added[:, 2]
         return asked[key]
 
-    start = _start(piece, tau, many, base, edges, np.array([first, last]) - origin, gravity)
+    start = _start(piece, tau, many, base, edges, np.array([first, last]) - origin, how)
     if start is None:
         return None
     where, stiff, p = start
-    prior = np.eye(many)[2:3] if free_gravity else np.zeros((0, many))
+    known = np.zeros(many + 2 * len(edges))
+    prior = np.eye(known.size)[2:3] if free_gravity else np.zeros((0, known.size))
+    if how.stiffness:
+        known[many + len(edges) :] = math.log(how.stiffness)
+        sure = np.array([1.0 / KNOWN[side] for side in edges])
+        prior = np.vstack([prior, sure[:, None] * np.eye(known.size)[many + len(edges) :]])
 
     def residual(q: Array) -> Array:
         a, rest = design(q[many:])
-        return np.concatenate([piece.white(base - rest - a @ q[:many]), -prior @ q[:many]])
+        return np.concatenate([piece.white(base - rest - a @ q[:many]), -prior @ (q - known)])
 
     def jacobian(q: Array) -> Array:
         a, rest = design(q[many:])
@@ -180,7 +210,7 @@ def _fitted(
             a_moved, rest_moved = design(moved)
             slopes[:, k] = (a_moved @ q[:many] + rest_moved - here) / step
         out = -piece.white(np.concatenate([a, slopes], axis=1))
-        return np.vstack([out, -np.hstack([prior, np.zeros((len(prior), 2 * len(edges)))])])
+        return np.vstack([out, -prior])
 
     noise = float(np.median(piece.sigma))
     scale = [noise, noise / span, *[1.0] * free_gravity, *[noise] * beyond.free]
@@ -205,18 +235,19 @@ def _fitted(
 
 
 def _start(
-    piece: Piece, tau: Array, many: int, base: Array, edges: tuple[int, ...], middle: Array, gravity: float
+    piece: Piece, tau: Array, many: int, base: Array, edges: tuple[int, ...], middle: Array, how: Settings
 ) -> tuple[Array, Array, Array] | None:
     """(places from the origin, stiffnesses, linear numbers): each edge over a grid, with the half of the flight beside
     it. middle (2,): where the flight begins and ends. The damper does not matter here."""
     span = float(middle[1] - middle[0])
-    where, stiff, p = [], [], None
+    where, stiff, p, gravity = [], [], None, how.gravity
+    springs = how.stiffness * np.array(ABOUT) if how.stiffness else np.array(STIFFNESS)
     for side in edges:
         end = middle[(side + 1) // 2]
         use = np.flatnonzero(side * (tau - middle.mean()) >= 0.0) if len(edges) == 2 else np.arange(tau.size)
         use = use[:: max(1, use.size // MOST)]
         places = end - side * span * np.linspace(-0.06, 0.4, PLACES)
-        edge, w = (a.ravel()[:, None] for a in np.meshgrid(places, np.array(STIFFNESS), indexing="ij"))
+        edge, w = (a.ravel()[:, None] for a in np.meshgrid(places, springs, indexing="ij"))
         speed, fall, _ = departure(np.maximum(side * (tau[use] - edge), 0.0), w, 0.0)
         linear = np.stack([np.ones(use.size), tau[use]], axis=1)
         columns = np.broadcast_to(linear, (*speed.shape, 2)).copy()

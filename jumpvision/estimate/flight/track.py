@@ -44,6 +44,7 @@ def track_flights(
     lag: float = 0.0,
     ring: Ring | None = None,
     offset: ArrayLike | None = None,
+    stiffness: float = 0.0,
 ) -> Flights:
     """Flights from the track: the record as one motion of rest, straight motion, contact and flight.
 
@@ -52,8 +53,8 @@ def track_flights(
     [m/s^2] along the rail, > 0, known to gravity_sigma. Flights shorter than `shortest` [s] are left out. ripple [m]:
     amplitude by which a hanging foot shakes the rod in flight, about m_f/(M + m_f) of the foot's own; it widens sigma
     where the record is cut (0: no foot); ring: its frequency, fitted along. lag [s]: c/k of a damper beside the
-    spring. The motor must not move during the flight: the rod alone then follows no parabola (give the time after
-    the forcing, or the centre of mass of motor and rod).
+    spring; stiffness [rad/s]: its sqrt(k/M), roughly, 0: free. offset (n,) [m]: (m_m/M) X_m of a motor that moves in a
+    contact; h is then of the centre of mass of motor and rod (the rod alone follows no parabola).
 
     Segments are chosen by evidence (`segments`), the noise and its correlation learned from them (`noise`). A flight
     has a parabola of curvature -gravity. It ends where that meets a rest or the next flight (an impact shorter than a
@@ -78,7 +79,7 @@ def track_flights(
         [Piece(t[i:j], h[i:j], sigma[i:j]) for i, j in pieces(t, max_gap)], gravity, stated or ripple > 0.0
     )
     shaken = noise.factor * ripple / math.sqrt(2.0) if ring else 0.0
-    how = Settings(gravity, gravity_sigma, shortest, ring, lag, drive=drive, shaken=shaken)
+    how = Settings(gravity, gravity_sigma, shortest, ring, lag, drive=drive, shaken=shaken, stiffness=stiffness)
     whole, warned = as_filmed(cut, how)
     if stated and noise.factor > GROSS:
         said = (

@@ -175,6 +175,7 @@ def find_flights(
     if rod is None or robot is None:
         return None
     spring, foot = robot.spring_stiffness, hanging_foot(robot)
+    mass = foot[2] if foot else total_mass(robot)
     motion = motion_of(*rod.arrays, robot, law, log)
     found = track_flights(
         motion.t,
@@ -188,6 +189,7 @@ def find_flights(
         lag=robot.spring_damping / spring if spring else 0.0,
         ring=swing_of(robot),
         offset=motion.height - rod.arrays[1],
+        stiffness=math.sqrt(spring / mass) if spring and mass else 0.0,
     )
     for doubt in found.doubts:
         warnings.warn(f"flights: {doubt.message}", StageWarning, stacklevel=2)
