@@ -69,6 +69,7 @@ class Scene:
     e: float = math.nan
     told: dict[str, float] = field(default_factory=dict)
     still: float = -math.inf  # s, since when the motor rests
+    motor: Callable[[np.ndarray], np.ndarray] | None = None  # (m_m/M) X_m(t) [m]
 
 
 def rest(rng: Rng) -> Scene:
@@ -233,12 +234,25 @@ def jumper(rng: Rng, *, sand: bool = False, foot: bool = False, motor: bool = Fa
     grid = np.arange(n) * STEP
     lasting = np.diff(edges, axis=1)[:, 0]
     heights = g * np.where(np.isfinite(lasting), lasting, 0.0) ** 2 / 8.0
-    told = {"lag": c / k} if not sand else {}
+    told = {"stiffness": w0} | ({"lag": c / k} if not sand else {})
     if mf:
         swing = mf / (m + mf) * 3.0 * m * g / k
-        told |= {"ripple": swing, "frequency": math.sqrt(k / mf + k / m), "decay": 0.5 * c * (1 / mf + 1 / m)}
+        told |= {
+            "ripple": swing,
+            "frequency": math.sqrt(k / mf + k / m),
+            "decay": 0.5 * c * (1 / mf + 1 / m),
+            "share": mf / (m + mf),
+        }
+
+    def drawn(t: np.ndarray) -> np.ndarray:
+        x = size * (np.sin(w * (t - start) + phase) - math.sin(phase))
+        return 0.85 * np.where((t >= start) & (t < stop), x, 0.0)
+
+    moved = drawn if motor else None
     name = f"jumper{' on sand' if sand else ''}{', foot' if mf else ''}{', motor' if motor else ''}"
-    return Scene(name, lambda t: np.interp(t, grid, centre), edges, heights, span, g, told=told, still=stop)
+    return Scene(
+        name, lambda t: np.interp(t, grid, centre), edges, heights, span, g, told=told, still=stop, motor=moved
+    )
 
 
 @dataclass(frozen=True)
@@ -257,12 +271,12 @@ class Record:
         from jumpvision.estimate.flight import Ring
 
         told = dict(self.scene.told)
-        ring = Ring(told.pop("frequency"), told.pop("decay")) if "frequency" in told else None
+        ring = Ring(told.pop("frequency"), told.pop("decay"), told.pop("share")) if "frequency" in told else None
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return track_flights(
                 self.t, self.h, self.sigma, gravity=gravity or self.scene.gravity, shortest=0.0, max_gap=1.0, ring=ring,
-                **told,
+                offset=self.scene.motor(self.t) if self.scene.motor else None, **told,
             )  # fmt: skip
 
     def seen(self, least: tuple[float, float]) -> np.ndarray:

@@ -9,9 +9,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from conftest import later
+from scipy.integrate import solve_ivp
 
 import jumpvision as jv
-from jumpvision.estimate.flight import in_flight, restitution, track_flights
+from jumpvision.estimate.flight import Ring, in_flight, restitution, track_flights
+from jumpvision.estimate.flight.beyond import Beyond, Drive
 
 G = 9.81
 
@@ -196,3 +198,37 @@ def test_real_balls_fall_as_they_should(real_data):
     t, h = every["Bowling Ball"][0]
     whole = jv.flights(t, h)
     assert len(whole) == 1 and whole.begins[0] == whole.ends[0] == "outside"
+
+
+def test_a_foot_and_a_motor_beside_the_parabola_are_those_of_their_equations():
+    """Integrated from the lift-off: backwards on the ground, forwards in the air, then with the foot stopped."""
+    k, c, m, m_f, v = 5000.0, 3.0, 1.2, 0.05, 0.6
+    size, w = 0.004, 60.0
+
+    def o(t):
+        return size * np.sin(w * t)
+
+    def rates(t, s, held):
+        pull = -k * (s[0] - o(t) - s[2]) - c * (s[1] - size * w * np.cos(w * t) - s[3])
+        return [s[1], -G + pull / m, 0.0 if held else s[3], 0.0 if held else -G - pull / m_f]
+
+    lift, land = 0.01, 0.06
+    stretch = m_f * G / k - c / k * (v - size * w * np.cos(w * lift))
+    begin = [stretch + o(lift), v, 0.0, 0.0]
+    before, flown, after = np.linspace(lift, -0.02, 31), np.linspace(lift, land, 51), np.linspace(land, 0.09, 31)
+
+    def run(held, t, s):
+        return solve_ivp(rates, (t[0], t[-1]), s, t_eval=t, args=(held,), rtol=1e-10, atol=1e-13).y
+
+    air = run(False, flown, begin)
+    y = np.concatenate([run(True, before, begin)[0][::-1][:-1], air[0][:-1], run(True, after, [*air[:3, -1], 0.0])[0]])
+    tau = np.concatenate([before[::-1][:-1], flown[:-1], after])
+    share, light = m_f / (m + m_f), 1.0 / m + 1.0 / m_f
+    ring, fine = Ring(math.sqrt(k * light), 0.5 * c * light, share), np.linspace(-0.03, 0.1, 4001)
+    beyond = Beyond(tau, (-1, 1), c / k, ring, Drive(fine, o(fine)), lift)
+    added = beyond.added(np.array([lift, land]), np.full(2, math.sqrt(k / m)))
+    slope = v * (1.0 - share) + G * lift  # of the common centre of mass, at tau = 0
+    model = slope * tau - 0.5 * G * tau**2 + added @ [slope, G, 1.0]
+    off = y - model
+    assert np.ptp(off) < 5e-6  # the least noise of a film; what is added is
+    assert np.ptp(added @ [slope, G, 1.0]) > 1e-3

@@ -11,9 +11,9 @@ from jumpvision.base.arrays import Array
 
 from .ground import Ground
 from .motion import POWER, Motion, Part, curvature, price, pushed, turning
-from .piece import Line, crossing, moves, polynomial
+from .piece import Line, Piece, crossing, moves, polynomial
 from .segments import FLIGHT, NUMBERS, REST
-from .spring import Settings, Sprung, sprung, swings, well
+from .spring import SHRUNK, Settings, Sprung, quiet, sprung, swings, well
 
 UNLIKE = 3.0  # sigmas by which a flight's own curvature may differ before it is fitted with it
 FEWEST = 6  # samples of a smooth motion that a flight may meet at an angle
@@ -89,7 +89,7 @@ def flight(motion: Motion, k: int, how: Settings, under: Ground | None = None) -
         line = fit.line
         more = POWER**2 if how.fitted else 0.0
         doubtful = len(gradual) == 2 or (how.fitted and len(gradual) == len(sides))
-        swing = doubtful and _swings(motion, part, reach, fit, more)
+        swing = doubtful and _swings(quiet(motion.piece, how), part, reach, fit, more)
     cov = line.cov if fit is None else fit.cov
     covariances = {k: cov} | {b.name: b.line.cov for b in beside.values()}
     swing = swing or not all(pushed_up(motion, k, side) for side in gradual if fit is None or not fit.good)
@@ -97,14 +97,14 @@ def flight(motion: Motion, k: int, how: Settings, under: Ground | None = None) -
     return Flight(part.i, part.j, (edges[0], edges[1]), own, covariances, swing)
 
 
-def _swings(motion: Motion, part: Part, reach: tuple[int, int], fit: Sprung, more: float) -> bool:
+def _swings(piece: Piece, part: Part, reach: tuple[int, int], fit: Sprung, more: float) -> bool:
     """Whether one swing explains all from turn to turn, and a flight between springs is no better by `more` of chi^2:
     six numbers each."""
     lo, hi = min(reach[0], part.i), max(reach[1], part.j)
-    swing = swings(motion.piece.part(lo, hi))
+    swing = swings(piece.part(lo, hi))
     if fit.window == (lo, hi):
         return swing <= fit.chi2 + more
-    return well(swing, hi - lo - 6) or swings(motion.piece.part(*fit.window)) <= fit.chi2 + more
+    return well(swing, hi - lo - 6) or swings(piece.part(*fit.window)) <= fit.chi2 + more
 
 
 def pushed_up(motion: Motion, k: int, side: int) -> bool:
@@ -201,26 +201,30 @@ def corner(motion: Motion, k: int, side: int, reach: tuple[int, int], how: Setti
     at = motion.corners.get(k + min(side, 0))
     if at is not None and other.kind == FLIGHT:
         return Beside(k + side, motion.lines[k + side], at, "impact")
-    if at is not None and other.kind == REST and len(other) > len(motion.parts[k]):  # longer than any turn on a spring
+    lo, hi = (reach[0], motion.parts[k].i) if side < 0 else (motion.parts[k].j, reach[1])
+    driven = how.drive is not None and hi - lo > 2 and how.drive.near(piece.t[lo:hi], 0.0) is not None
+    longer = len(other) > len(motion.parts[k])  # than any turn on a spring
+    if at is not None and other.kind == REST and longer and not driven:
         return Beside(k + side, motion.lines[k + side], at, "rest")
-    if side < 0 and other.kind == REST and (let := released(motion, k)) is not None:
+    if side < 0 and other.kind == REST and not driven and (let := released(motion, k)) is not None:
         return let
     kind = "rest" if other.kind == REST else "support"
     found = Beside(k + side, motion.lines[k + side], at, kind) if at is not None else bent(motion, k, side, reach)
     if found is None:
         return None
-    lo, hi = (reach[0], motion.parts[k].i) if side < 0 else (motion.parts[k].j, reach[1])
     if hi - lo < 2:
         return found
     part = motion.parts[k]
     cut = len(part) // 6  # the other end may hang over into a contact of its own
     inside = (part.i + cut, part.j) if side > 0 else (part.i, part.j - cut)
-    spring = sprung(piece, inside, (lo, hi), (side,), how, shares=(1.0,))
-    if spring is None or not spring.good:
+    spring = sprung(piece, inside, (lo, hi), (side,), how, shares=SHRUNK if driven else (1.0,))
+    if driven and spring is not None and spring.good:  # a moving motor makes no corner
+        return None
+    if spring is None or not well(spring.spent, spring.dof):
         return found
     spent = replace(part, i=inside[0], j=inside[1]).line(piece, how.gravity).chi2
     spent += sum(_cost(motion, p, lo, hi) for p in motion.parts)
-    return None if spring.chi2 + 2.0 * price(piece) <= spent else found
+    return None if spring.spent + 2.0 * price(piece) <= spent else found
 
 
 def _cost(motion: Motion, part: Part, lo: int, hi: int) -> float:

@@ -11,32 +11,26 @@ import scipy
 from jumpvision.base.arrays import Array
 
 from ..estimate import least_squares_fit, scatter_factor
+from .beyond import Beyond, Drive, Ring
 from .piece import Line, Piece
 
 STIFFNESS = (20.0, 30.0, 45.0, 65.0, 100.0, 150.0, 250.0, 400.0, 700.0, 1200.0)  # rad/s, where a fit starts
+KNOWN = {-1: 0.1, 1: 0.3}  # sigma of log w of a spring that is told, at a lift-off; at a landing sand softens it
+ABOUT = (0.5, 0.7, 0.85, 1.0, 1.2)  # times that w, where a fit starts
 PLACES, MOST = 24, 100  # of an edge, where a fit starts; samples that this looks at
 SHRUNK = (1.0, 0.6, 0.35, 0.2)  # of the way to the turning point, tried in turn
+POWER, STRONGEST = 3.0, 0.8  # sigmas of a correlation that is looked for, and the strongest
+HALF = 0.5  # of a contact, whose edges must be those of the whole
 POOR = 1e-3  # chance of chi^2 below which a contact is none of a spring
-
-
-@dataclass(frozen=True)
-class Ring:
-    """What a hanging foot does to the body in flight: it swings at `frequency` [rad/s], decaying at `decay` [1/s]."""
-
-    frequency: float
-    decay: float
-
-    def columns(self, t: Array) -> Array:
-        """(n, 2), t [s] from the lift-off."""
-        fallen = np.exp(-self.decay * np.clip(t, 0.0, None))
-        return np.stack([fallen * np.cos(self.frequency * t), fallen * np.sin(self.frequency * t)], axis=1)
 
 
 @dataclass(frozen=True)
 class Settings:
     """gravity, its sigma [m/s^2]; shortest flight [s]; ring of a foot; lag = c/k [s] of the damper at the spring.
 
-    fitted: whether that gravity is one of the record's own, which a swing's top may imitate.
+    fitted: whether that gravity is one of the record's own, which a swing's top may imitate. drive: of the motor.
+    shaken [m]: what the noise was widened by for the ring, which is fitted here. stiffness: w [rad/s] of the spring,
+    known to KNOWN.
     """
 
     gravity: float
@@ -45,6 +39,9 @@ class Settings:
     ring: Ring | None = None
     lag: float = 0.0
     fitted: bool = False
+    drive: Drive | None = None
+    shaken: float = 0.0
+    stiffness: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -64,6 +61,8 @@ class Sprung:
     n: int
     curvature: tuple[float, float]
     window: tuple[int, int] = (0, 0)
+    rho: float = 0.0  # correlation of what is left from sample to sample
+    wide: float = 1.0  # chi^2 with the noise that other curves are judged by, over chi2
 
     @property
     def line(self) -> Line:
@@ -72,8 +71,16 @@ class Sprung:
 
     @property
     def good(self) -> bool:
-        dof = self.n - self.p.size - 2 * len(self.edges)
-        return well(self.chi2, dof)
+        return well(self.chi2, self.dof)
+
+    @property
+    def dof(self) -> int:
+        return self.n - self.p.size - 2 * len(self.edges)
+
+    @property
+    def spent(self) -> float:
+        """chi^2 beside curves that have no ring of their own."""
+        return self.chi2 * self.wide
 
 
 def departure(tau: Array, w: Array | float, lag: float) -> tuple[Array, Array, Array]:
@@ -102,15 +109,47 @@ def sprung(
     The contact is left out bit by bit from its turning point on, until a spring explains the rest of it.
     """
     best = None
-    for share in shares:
+    still = quiet(piece, how)
+    wide = float(np.median(still.sigma / piece.sigma)) ** 2
+
+    def fitted(share: float) -> Sprung | None:
         lo = inside[0] - round(share * (inside[0] - reach[0])) if -1 in edges else inside[0]
         hi = inside[1] + round(share * (reach[1] - inside[1])) if 1 in edges else inside[1]
-        found = _fitted(piece.part(lo, hi), piece.t[inside[0]], piece.t[inside[1] - 1], edges, how)
+        ends = piece.t[inside[0]], piece.t[inside[1] - 1]
+        found = _fitted(still.part(lo, hi), *ends, edges, how)
+        if found is not None and how.shaken and found.rho > POWER / math.sqrt(hi - lo):
+            coloured = replace(still, rho=min(found.rho, STRONGEST))
+            found = _fitted(coloured.part(lo, hi), *ends, edges, how) or found
+        return None if found is None else replace(found, window=(lo, hi), wide=wide)
+
+    for share in shares:
+        found = fitted(share)
         if found is not None:
-            best = replace(found, window=(lo, hi))
+            best = found
             if found.good:
                 break
-    return best
+    if best is None or how.ring is None or len(shares) == 1:
+        return best
+    less = fitted(HALF * share)
+    return best if less is None else doubted(best, less)
+
+
+def doubted(best: Sprung, less: Sprung) -> Sprung:
+    """With what a fit of less of the contact finds elsewhere, beyond what it knows less: the ground or the foot is none
+    of the model's."""
+    m = len(best.edges)
+    cov = best.cov.copy()
+    at = np.arange(len(cov))[-m:]
+    unsure = (less.times - best.times) ** 2 - np.maximum(np.diag(less.cov)[-m:] - cov[at, at], 0.0)
+    cov[at, at] += np.maximum(unsure, 0.0)
+    return replace(best, cov=cov)
+
+
+def quiet(piece: Piece, how: Settings) -> Piece:
+    """With the noise of its samples alone, where the ring is fitted."""
+    if not how.shaken:
+        return piece
+    return replace(piece, sigma=np.sqrt(np.maximum(piece.sigma**2 - how.shaken**2, (1e-3 * piece.sigma) ** 2)))
 
 
 def _fitted(
@@ -120,69 +159,61 @@ def _fitted(
     edges: tuple[int, ...],
     how: Settings,
 ) -> Sprung | None:
-    gravity, gravity_sigma, lag, ring = how.gravity, how.gravity_sigma, how.lag, how.ring
+    gravity, gravity_sigma = how.gravity, how.gravity_sigma
     t, n = piece.t, piece.t.size
     origin = 0.5 * (first + last)
     tau, span = t - origin, max(last - first, 4.0 * piece.step)
     free_gravity = gravity_sigma > 0.0
-    columns = [np.ones(n), tau]
-    if free_gravity:
-        columns.append(-0.5 * tau * tau * gravity_sigma)
-    swing = [] if ring is None else list(ring.columns(t - first).T)
-    linear = np.stack(columns + swing, axis=1)
-    many = linear.shape[1]
+    drive = how.drive.near(t, origin) if how.drive is not None else None
+    beyond = Beyond(tau, edges, how.lag, how.ring, drive, first - origin)
+    many = 2 + free_gravity + beyond.free
     if n <= many + 2 * len(edges) + 1:
         return None
     base = piece.y + 0.5 * gravity * tau * tau
+    asked: dict[bytes, tuple[Array, Array]] = {}
 
-    def beyond(edge: float, side: int, w: float) -> tuple[Array, Array, Array]:
-        return departure(np.maximum(side * (tau - edge), 0.0), w, side * lag)
-
-    asked: dict[bytes, tuple[list[tuple[Array, Array, Array]], Array, Array]] = {}
-
-    def design(q: Array) -> tuple[list[tuple[Array, Array, Array]], Array, Array]:
-        """(departures at the edges, columns of the linear numbers, what depends on none of them); the last is kept: it
-        is asked for the residual and for its slopes."""
-        nonlinear = q[many:]
+    def design(nonlinear: Array) -> tuple[Array, Array]:
+        """(columns of the linear numbers, what depends on none of them); kept: it is asked for the residual and for
+        its slopes."""
         key = nonlinear.tobytes()
         if key not in asked:
             where, w = nonlinear[: len(edges)], np.exp(np.clip(nonlinear[len(edges) :], -9.0, 9.0))
-            away = [beyond(edge, side, stiff) for edge, side, stiff in zip(where, edges, w)]
-            a, rest = linear.copy(), np.zeros(n)
-            for edge, side, (speed, fall, _) in zip(where, edges, away):
-                a[:, 1] -= side * speed  # speed down beyond the edge: -side (slope - g edge)
-                rest += side * gravity * edge * speed + gravity * fall
-                if free_gravity:
-                    a[:, 2] += gravity_sigma * (side * edge * speed + fall)
+            added = beyond.added(where, w)
+            columns = [np.ones((n, 1)), (tau + added[:, 0])[:, None]]
+            if free_gravity:
+                columns.append(gravity_sigma * (added[:, 1] - 0.5 * tau * tau)[:, None])
             asked.clear()
-            asked[key] = away, a, rest
+            asked[key] = np.hstack([*columns, added[:, 3:]]), gravity * added[:, 1] + added[:, 2]
         return asked[key]
 
-    start = _start(piece, linear, base, edges, np.array([first, last]) - origin, gravity)
+    start = _start(piece, tau, many, base, edges, np.array([first, last]) - origin, how)
     if start is None:
         return None
     where, stiff, p = start
-    prior = np.eye(many)[2:3] if free_gravity else np.zeros((0, many))
+    known = np.zeros(many + 2 * len(edges))
+    prior = np.eye(known.size)[2:3] if free_gravity else np.zeros((0, known.size))
+    if how.stiffness:
+        known[many + len(edges) :] = math.log(how.stiffness)
+        sure = np.array([1.0 / KNOWN[side] for side in edges])
+        prior = np.vstack([prior, sure[:, None] * np.eye(known.size)[many + len(edges) :]])
 
     def residual(q: Array) -> Array:
-        _, a, rest = design(q)
-        return np.concatenate([piece.white(base - rest - a @ q[:many]), -prior @ q[:many]])
+        a, rest = design(q[many:])
+        return np.concatenate([piece.white(base - rest - a @ q[:many]), -prior @ (q - known)])
 
     def jacobian(q: Array) -> Array:
-        away, a, _ = design(q)
-        e, w = q[many : many + len(edges)], np.exp(np.clip(q[many + len(edges) :], -9.0, 9.0))
-        g = gravity + (gravity_sigma * q[2] if free_gravity else 0.0)
-        by_place, by_stiffness = [], []
-        for edge, side, stiff, (speed, fall, rate) in zip(e, edges, w, away):
-            down = -side * (q[1] - g * edge)
-            by_place.append(-side * (down * rate + g * speed) + side * g * speed)
-            stiffer = beyond(edge, side, stiff * (1.0 + 1e-5))
-            by_stiffness.append((down * (stiffer[0] - speed) + g * (stiffer[1] - fall)) / 1e-5)
-        out = -piece.white(np.concatenate([a, np.stack(by_place + by_stiffness, axis=1)], axis=1))
-        return np.vstack([out, -np.hstack([prior, np.zeros((len(prior), 2 * len(edges)))])])
+        a, rest = design(q[many:])
+        here, slopes = a @ q[:many] + rest, np.empty((n, 2 * len(edges)))
+        for k in range(2 * len(edges)):
+            moved, step = q[many:].copy(), 1e-4 * piece.step if k < len(edges) else 1e-5
+            moved[k] += step
+            a_moved, rest_moved = design(moved)
+            slopes[:, k] = (a_moved @ q[:many] + rest_moved - here) / step
+        out = -piece.white(np.concatenate([a, slopes], axis=1))
+        return np.vstack([out, -prior])
 
     noise = float(np.median(piece.sigma))
-    scale = [noise, noise / span, *[1.0] * free_gravity, *[noise] * len(swing)]
+    scale = [noise, noise / span, *[1.0] * free_gravity, *[noise] * beyond.free]
     scale += [piece.step] * len(edges) + [0.2] * len(edges)
     q0 = np.concatenate([p, where, np.log(stiff)])
     fit = least_squares_fit(residual, q0, scale=scale, jacobian=jacobian)
@@ -198,24 +229,28 @@ def _fitted(
     dof = n - q.size
     factor = scatter_factor(chi2, dof) ** 2
     g = (gravity + gravity_sigma * q[2], gravity_sigma * math.sqrt(cov[2, 2])) if free_gravity else (gravity, 0.0)
-    return Sprung(origin, q[:many], origin + times, factor * cov[:keep, :keep], edges, chi2, n, g)
+    left = residual(q)[:n]
+    rho = float(left[1:] @ left[:-1]) / max(float(left @ left), 1e-300)
+    return Sprung(origin, q[:many], origin + times, factor * cov[:keep, :keep], edges, chi2, n, g, rho=rho)
 
 
 def _start(
-    piece: Piece, linear: Array, base: Array, edges: tuple[int, ...], middle: Array, gravity: float
+    piece: Piece, tau: Array, many: int, base: Array, edges: tuple[int, ...], middle: Array, how: Settings
 ) -> tuple[Array, Array, Array] | None:
     """(places from the origin, stiffnesses, linear numbers): each edge over a grid, with the half of the flight beside
     it. middle (2,): where the flight begins and ends. The damper does not matter here."""
-    tau, span = linear[:, 1], float(middle[1] - middle[0])
-    where, stiff, p = [], [], None
+    span = float(middle[1] - middle[0])
+    where, stiff, p, gravity = [], [], None, how.gravity
+    springs = how.stiffness * np.array(ABOUT) if how.stiffness else np.array(STIFFNESS)
     for side in edges:
         end = middle[(side + 1) // 2]
         use = np.flatnonzero(side * (tau - middle.mean()) >= 0.0) if len(edges) == 2 else np.arange(tau.size)
         use = use[:: max(1, use.size // MOST)]
         places = end - side * span * np.linspace(-0.06, 0.4, PLACES)
-        edge, w = (a.ravel()[:, None] for a in np.meshgrid(places, np.array(STIFFNESS), indexing="ij"))
+        edge, w = (a.ravel()[:, None] for a in np.meshgrid(places, springs, indexing="ij"))
         speed, fall, _ = departure(np.maximum(side * (tau[use] - edge), 0.0), w, 0.0)
-        columns = np.broadcast_to(linear[use, :2], (*speed.shape, 2)).copy()
+        linear = np.stack([np.ones(use.size), tau[use]], axis=1)
+        columns = np.broadcast_to(linear, (*speed.shape, 2)).copy()
         columns[..., 1] -= side * speed
         y = (base[use] - side * gravity * edge * speed - gravity * fall) / piece.sigma[use]
         columns /= piece.sigma[use, None]
@@ -229,7 +264,7 @@ def _start(
         where.append(float(edge[best, 0]))
         stiff.append(float(w[best, 0]))
         p = x[best]
-    start = np.zeros(linear.shape[1])
+    start = np.zeros(many)
     start[:2] = p
     return np.array(where), np.array(stiff), start
 

@@ -14,6 +14,7 @@ from jumpvision.base.arrays import Array, with_digits_of
 
 from ..estimate import checked, checked_sigma
 from ..mean import difference_noise
+from .beyond import Drive, Ring
 from .edges import Flight, flight
 from .flights import NAN, Doubt, Flights
 from .ground import ground
@@ -21,7 +22,7 @@ from .motion import POWER, Motion, curvature, motion
 from .noise import with_noise
 from .piece import Piece
 from .segments import FLIGHT, LIKE
-from .spring import Ring, Settings
+from .spring import Settings
 
 FEWEST = 6  # samples of a piece
 GROSS = 1.5  # times its stated sigma that a track scatters, which is said
@@ -42,6 +43,8 @@ def track_flights(
     gravity_sigma: float = 0.0,
     lag: float = 0.0,
     ring: Ring | None = None,
+    offset: ArrayLike | None = None,
+    stiffness: float = 0.0,
 ) -> Flights:
     """Flights from the track: the record as one motion of rest, straight motion, contact and flight.
 
@@ -50,8 +53,8 @@ def track_flights(
     [m/s^2] along the rail, > 0, known to gravity_sigma. Flights shorter than `shortest` [s] are left out. ripple [m]:
     amplitude by which a hanging foot shakes the rod in flight, about m_f/(M + m_f) of the foot's own; it widens sigma
     where the record is cut (0: no foot); ring: its frequency, fitted along. lag [s]: c/k of a damper beside the
-    spring. The motor must not move during the flight: the rod alone then follows no parabola (give the time after
-    the forcing, or the centre of mass of motor and rod).
+    spring; stiffness [rad/s]: its sqrt(k/M), roughly, 0: free. offset (n,) [m]: (m_m/M) X_m of a motor that moves in a
+    contact; h is then of the centre of mass of motor and rod (the rod alone follows no parabola).
 
     Segments are chosen by evidence (`segments`), the noise and its correlation learned from them (`noise`). A flight
     has a parabola of curvature -gravity. It ends where that meets a rest or the next flight (an impact shorter than a
@@ -65,13 +68,18 @@ def track_flights(
     if not gravity > 0.0:
         raise ValueError(f"track_flights: gravity = {gravity!r} m/s^2 must be > 0 (along the rail)")
     good = np.isfinite(t) & np.isfinite(h) & np.isfinite(sigma)
-    t, h, sigma = t[good], h[good], np.hypot(sigma[good], ripple / math.sqrt(2.0))
+    t, h, sigma = t[good], h[good], sigma[good]
     if np.any(np.diff(t) <= 0.0):
         raise ValueError("track_flights: t must increase from sample to sample")
     if not stated:
         sigma = np.full(t.size, noise_of(h))
-    how = Settings(gravity, gravity_sigma, shortest, ring, lag)
-    cut, noise = with_noise([Piece(t[i:j], h[i:j], sigma[i:j]) for i, j in pieces(t, max_gap)], gravity, stated)
+    sigma = np.hypot(sigma, ripple / math.sqrt(2.0))
+    drive = None if offset is None else Drive(t, np.asarray(offset, float)[good])
+    cut, noise = with_noise(
+        [Piece(t[i:j], h[i:j], sigma[i:j]) for i, j in pieces(t, max_gap)], gravity, stated or ripple > 0.0
+    )
+    shaken = noise.factor * ripple / math.sqrt(2.0) if ring else 0.0
+    how = Settings(gravity, gravity_sigma, shortest, ring, lag, drive=drive, shaken=shaken, stiffness=stiffness)
     whole, warned = as_filmed(cut, how)
     if stated and noise.factor > GROSS:
         said = (

@@ -175,6 +175,7 @@ def find_flights(
     if rod is None or robot is None:
         return None
     spring, foot = robot.spring_stiffness, hanging_foot(robot)
+    mass = foot[2] if foot else total_mass(robot)
     motion = motion_of(*rod.arrays, robot, law, log)
     found = track_flights(
         motion.t,
@@ -187,6 +188,8 @@ def find_flights(
         ripple=foot_ripple(*foot) if foot else 0.0,
         lag=robot.spring_damping / spring if spring else 0.0,
         ring=swing_of(robot),
+        offset=motion.height - rod.arrays[1],
+        stiffness=math.sqrt(spring / mass) if spring and mass else 0.0,
     )
     for doubt in found.doubts:
         warnings.warn(f"flights: {doubt.message}", StageWarning, stacklevel=2)
@@ -200,7 +203,7 @@ def swing_of(robot: Robot) -> Ring | None:
         return None
     k, m_f, mass, _ = foot
     light = 1.0 / m_f + 1.0 / mass
-    return Ring(math.sqrt(k * light), 0.5 * robot.spring_damping * light)
+    return Ring(math.sqrt(k * light), 0.5 * robot.spring_damping * light, m_f / (mass + m_f))
 
 
 def longer_than(flights: Flights, shortest: float) -> Flights:

@@ -1,0 +1,185 @@
+"""What is beyond the edges of a flight: the spring, the foot that hangs from it, the motor that pulls at it.
+
+On the ground the body follows x'' = -g - w^2 (x + lag x') from the spring's free length. A foot of mass m_f stays until
+the spring pulls by m_f g: the body leaves later than the spring lets go, and from then on swings about the common
+parabola with what it had; at the landing the foot stops and the body goes on with its swing. A motor that moves adds
+the response to w^2 (o + lag o'), o = (m_m/M) X_m.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from jumpvision.base.arrays import Array
+
+
+@dataclass(frozen=True)
+class Ring:
+    """What a hanging foot does to the body in flight: it swings at `frequency` [rad/s], decaying at `decay` [1/s].
+
+    share: m_f/(M + m_f), of the foot in the whole mass; where it is known (> 0) the swing follows from the lift-off.
+    """
+
+    frequency: float
+    decay: float
+    share: float = 0.0
+
+    def columns(self, t: Array) -> Array:
+        """(n, 2), t [s] from the lift-off."""
+        fallen = np.exp(-self.decay * np.clip(t, 0.0, None))
+        return np.stack([fallen * np.cos(self.frequency * t), fallen * np.sin(self.frequency * t)], axis=1)
+
+
+def swing(u: Array, w: float, gamma: float) -> tuple[Array, Array]:
+    """(from a displacement of 1, from a speed of 1 m/s), u (n,) [s] after the start, of x'' = -w^2 x - 2 gamma x'."""
+    wd = math.sqrt(max(w * w - gamma * gamma, 1e-6 * w * w))
+    fall = np.exp(np.clip(-gamma * u, -50.0, 50.0))
+    sine = fall * np.sin(wd * u) / wd
+    return fall * np.cos(wd * u) + gamma * sine, sine
+
+
+@dataclass(frozen=True)
+class Drive:
+    """o [m] of the motor at times t (n,) [s], increasing."""
+
+    t: Array
+    o: Array
+
+    @cached_property
+    def rate(self) -> Array:
+        """Of o [m/s]."""
+        return np.asarray(np.gradient(self.o, self.t))
+
+    def near(self, t: Array, origin: float) -> Drive | None:
+        """On a fine grid over the times t, from `origin` on; None where the motor rests."""
+        if self.t.size < 3 or np.ptp(np.interp(t, self.t, self.o)) == 0.0:
+            return None
+        fine = np.linspace(t[0], t[-1], 2 * t.size + 1)
+        inside = (self.t >= t[0] - (t[-1] - t[0])) & (self.t <= 2.0 * t[-1] - t[0])
+        course = np.interp if inside.sum() < 4 else _smooth
+        return Drive(fine - origin, course(fine, self.t[inside], self.o[inside]))
+
+    def at(self, u: float) -> tuple[float, float]:
+        """(o, its rate [m/s])."""
+        return float(np.interp(u, self.t, self.o)), float(np.interp(u, self.t, self.rate))
+
+    def response(self, u: Array, start: float, w: float, gamma: float, still: float) -> Array:
+        """z (n,) [m] at times u of z'' = w^2 (o - still - z) + 2 gamma (o' - z'), from rest at `start`."""
+        wd = math.sqrt(max(w * w - gamma * gamma, 1e-6 * w * w))
+        pull = w * w * (self.o - still) + 2.0 * gamma * self.rate
+        turn = np.exp((gamma - 1j * wd) * self.t) * pull
+        total = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(self.t) * (turn[1:] + turn[:-1]))])
+        since = np.interp(u, self.t, total) - np.interp(start, self.t, total)
+        return np.asarray(np.imag(np.exp((1j * wd - gamma) * u) * since) / wd)
+
+
+def _smooth(x: Array, t: Array, y: Array) -> Array:
+    from scipy.interpolate import CubicSpline
+
+    return np.asarray(CubicSpline(t, y)(x))
+
+
+@dataclass(frozen=True)
+class Beyond:
+    """What is added to the parabola p + s tau - g tau^2 / 2 of a flight, tau (n,) [s], by what is at its edges.
+
+    edges: of (-1, lift-off; +1, landing). first [s]: from when on a ring swings whose lift-off is not among them.
+    """
+
+    tau: Array
+    edges: tuple[int, ...]
+    lag: float
+    ring: Ring | None
+    drive: Drive | None
+    first: float
+
+    @property
+    def tied(self) -> bool:
+        """Whether the foot's swing follows from the lift-off."""
+        return self.ring is not None and self.ring.share > 0.0 and -1 in self.edges
+
+    @property
+    def free(self) -> int:
+        """Numbers of a swing that is fitted beside."""
+        return 2 if self.ring is not None and not self.tied else 0
+
+    def added(self, where: Array, w: Array) -> Array:
+        """(n, 3 + free): for every m/s of s, for every m/s^2 of g, in any case, and for the numbers of the swing.
+        where: the edges [s], w: the springs [rad/s]."""
+        out = np.zeros((self.tau.size, 3 + self.free))
+        if self.free and self.ring:
+            out[:, 3:] = self.ring.columns(self.tau - self.first)
+        start = 0.0
+        for edge, side, stiff in zip(where, self.edges, w):
+            beyond = side * (self.tau - edge) > 0.0
+            if side < 0:
+                start = edge
+                stretch, speed, still = self._lifted(edge)
+                if self.tied:
+                    out[~beyond] = self._swinging(self.tau[~beyond] - edge, edge, stretch, speed, still)
+            else:
+                stretch, speed, still = self._landed(edge, start)
+                speed = speed + self._slope(edge)
+            out[beyond] = self._held(self.tau[beyond] - edge, edge, stiff, stretch, speed, still)
+            out[beyond] += (self._share() - 1.0) * stretch
+        return out
+
+    def _share(self) -> float:
+        """Of the foot; 1 where it is not known, so that its swing stretches no spring."""
+        return self.ring.share or 1.0 if self.ring else 1.0
+
+    def _slope(self, edge: float) -> Array:
+        """The parabola's slope as (3 + free,) numbers."""
+        out = np.zeros(3 + self.free)
+        out[:2] = 1.0, -edge
+        return out
+
+    def _lifted(self, edge: float) -> tuple[Array, Array, float]:
+        """(stretch of the spring, speed of the body, o) at the lift-off."""
+        slope, still = self._slope(edge), 0.0
+        stretch, rate = np.zeros_like(slope), 0.0
+        if self.drive is not None:
+            still, rate = self.drive.at(edge)
+        if self.tied and self.ring:
+            slope = slope / (1.0 - self.ring.share)
+            stretch = -self.lag * slope
+            stretch[1] += 1.0 / ((1.0 - self.ring.share) * self.ring.frequency**2)
+            stretch[2] += self.lag * rate
+        return stretch, slope, still
+
+    def _swinging(self, u: Array, edge: float, stretch: Array, speed: Array, still: float) -> Array:
+        """In flight, u [s] after the lift-off."""
+        assert self.ring is not None
+        cosine, sine = swing(u, self.ring.frequency, self.ring.decay)
+        out = cosine[:, None] * stretch + sine[:, None] * speed
+        if self.drive is not None:
+            out[:, 2] += self.drive.response(u + edge, edge, self.ring.frequency, self.ring.decay, still)
+        return np.asarray(self.ring.share * out)
+
+    def _landed(self, edge: float, start: float) -> tuple[Array, Array, float]:
+        """(stretch, speed beside the parabola's, o) at the landing."""
+        still = self.drive.at(start if self.tied else edge)[0] if self.drive is not None else 0.0
+        if self.ring is None:
+            return np.zeros(3), np.zeros(3), still
+        step = 1e-3 / self.ring.frequency
+        u = np.array([edge, edge + step])
+        if self.tied:
+            swung = self._swinging(u - start, start, *self._lifted(start)[:2], still)
+        else:
+            swung = np.zeros((2, 3 + self.free))
+            swung[:, 3:] = self.ring.columns(u - self.first)
+        return swung[0] / self._share(), (swung[1] - swung[0]) / step, still
+
+    def _held(self, u: Array, edge: float, w: float, stretch: Array, speed: Array, still: float) -> Array:
+        """On the spring, u [s] from the edge: beside the parabola and the stretch that there is at the edge."""
+        gamma = 0.5 * w * w * self.lag
+        cosine, sine = swing(u, w, gamma)
+        out = sine[:, None] * speed - u[:, None] * self._slope(edge) + cosine[:, None] * stretch
+        out[:, 1] += 0.5 * u * u - (1.0 - cosine) / (w * w)
+        if self.drive is not None:
+            out[:, 2] += self.drive.response(u + edge, edge, w, gamma, still)
+        return np.asarray(out)
