@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 import scipy
@@ -226,7 +225,7 @@ class Cell:
     """mean_residual: measured minus predicted [unit of y]; z_score: of a shift of the whole cell, beside what the
     parameters can do; p_value: of as large a z in any cell, were there nothing."""
 
-    labels: dict[str, Any]
+    labels: dict[str, str | float | None]
     part: str
     n: int
     mean_residual: float
@@ -240,11 +239,11 @@ def locate(problem: Problem, fit: Fit, by: tuple[str, ...], rng: np.random.Gener
     residual = span.off(span.residual)
     observations = problem.system.observations
     predicted = problem.system.predict(fit.mechanisms, fit.named, problem.all)
-    cells: dict[tuple[Any, ...], dict[int, NDArray[np.bool_]]] = {}
+    cells: dict[tuple[tuple[str | float | None, ...], str], dict[int, NDArray[np.bool_]]] = {}
     for i, o in enumerate(observations):
         parts = o.parts if o.parts is not None else np.full(o.t.size, "all")
         for part in np.unique(parts):
-            key = (*(o.labels.get(b) for b in by), str(part))
+            key = tuple(o.labels.get(b) for b in by), str(part)
             cells.setdefault(key, {})[i] = parts == part
     vectors, rows = [], []
     for key, masks in cells.items():
@@ -265,8 +264,8 @@ def locate(problem: Problem, fit: Fit, by: tuple[str, ...], rng: np.random.Gener
     chance = np.sort(largest(vectors, rng))
     cells_out = [
         Cell(
-            dict(zip(by, key[:-1])),
-            key[-1],
+            dict(zip(by, key[0])),
+            key[1],
             n,
             mean,
             z,

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import scipy
@@ -34,7 +34,7 @@ class Shapes(System, Protocol):
     """The system questioned with generic forces among its candidates: one number each, 0 where it is absent."""
 
     @property
-    def shapes(self) -> Mapping[str, Any]: ...
+    def shapes(self) -> Mapping[str, object]: ...
     def reach(self, shape: str, mechanisms: tuple[str, ...], values: Mapping[str, float]) -> str:
         """Where in position and speed the shape acted, in words."""
         ...

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Unpack
 
 import numpy as np
 import xarray as xr
 
 from jumpvision import __version__
+from jumpvision.base.arrays import Array
 from jumpvision.base.storage import write_aside
 from jumpvision.experiment import files
 from jumpvision.report.pages.charts import Axis, AxisLook, Chart, Panel, Series, axis, chart, numbers, panel, series
@@ -118,7 +119,7 @@ def map_panel(data: xr.Dataset, name: str, dims: list[str]) -> Panel:
     )
 
 
-def edges_of(x: Any) -> list[float]:
+def edges_of(x: Array) -> list[float]:
     """Ends of the cells about evenly spaced centres."""
     half = 0.5 * (x[-1] - x[0]) / (len(x) - 1) if len(x) > 1 else 0.5
     return [float(x[0] - half), float(x[-1] + half)]

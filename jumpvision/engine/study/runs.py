@@ -31,7 +31,7 @@ class SimulatorError(InputError):
         super().__init__([f"the simulator {why}; recording {recording!r}, parameters {{{at}}}"])
         self.why, self.parameters, self.recording = why, dict(parameters), recording
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         return SimulatorError, (self.why, self.parameters, self.recording)
 
 

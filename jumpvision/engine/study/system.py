@@ -10,7 +10,6 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import scipy
@@ -73,7 +72,7 @@ class Studied:
         self.points: dict[tuple[int, int, bytes], _Point] = {}
         self.donors: dict[tuple[int, int], list[_Point]] = {}  # points with derivatives
         self.first = [np.array([_start(p.start, r) for p in self.each]) for r in self.recordings]
-        self.settled: dict[tuple[Any, ...], tuple[_Point, Array | float]] = {}
+        self.settled: dict[tuple[object, ...], tuple[_Point, Array | float]] = {}
         self.starts: dict[tuple[int, tuple[str, ...]], tuple[float, Array]] = {}  # the best so far: chi^2, values
 
     @property

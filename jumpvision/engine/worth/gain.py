@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 import scipy
@@ -112,7 +111,7 @@ def searched(problem: Problem, base: Fit, rng: np.random.Generator) -> Fit:
     return search.fits[next(iter(search.passing()), max(search.fits, key=search.log_probability))]
 
 
-def _place(label: Any) -> tuple[float, str]:
+def _place(label: object) -> tuple[float, str]:
     """Order of labels: numbers by their size, before texts."""
     return (float(label), "") if isinstance(label, int | float) else (math.inf, str(label))
 

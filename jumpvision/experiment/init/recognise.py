@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from jumpvision.base.arrays import Image
 from jumpvision.base.schema import InputError
 from jumpvision.experiment.inputs.channels import READERS as CHANNELS
 from jumpvision.films.frames import Film, FrameError, open_frames
@@ -257,7 +258,7 @@ def moving_ball(film: Film) -> tuple[int, str, float, float, float] | None:
     return None
 
 
-def ball(first: Any, seed: tuple[float, float] | None = None) -> tuple[str, float, float, float] | None:
+def ball(first: Image, seed: tuple[float, float] | None = None) -> tuple[str, float, float, float] | None:
     """(polarity, column, row, diameter [px]) of the one ball in a picture, or None."""
     from jumpvision.films.vision.ball.track import track_ball
 

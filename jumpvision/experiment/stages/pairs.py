@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import warnings
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +50,7 @@ class InPairs(Film):
                 "the pairs"
             )
 
-    def _read(self, i: int) -> NDArray[Any]:
+    def _read(self, i: int) -> NDArray[np.generic]:
         return self._film[int(self.order[i])]
 
     def close(self) -> None:

@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
@@ -39,6 +39,7 @@ from jumpvision.experiment.inputs.sections import (
     need,
 )
 from jumpvision.experiment.workflow.stage import StageWarning
+from jumpvision.films.frames import Film
 from jumpvision.films.frames.decoding import open_video
 from jumpvision.films.frames.opening import READERS
 
@@ -53,6 +54,8 @@ SAG = 0.25  # m, of the spring under the robot's weight
 THOUSAND = 300.0, 3000.0  # ratios that a wrong prefix makes
 FAR = 3.0  # factor of a size beyond which it is none of the sought thing
 LONGEST = 5.0  # m, of what a film or a log of a jump shows
+
+Read = TypeVar("Read")
 
 
 @dataclass(frozen=True)
@@ -75,7 +78,7 @@ class Found:
     track: tuple[Array, ...] | None = None  # time [s], height, sigma [m]
     contact: tuple[Array, Array] | None = None  # time [s], 0 or 1
 
-    def ask(self, read: Callable[[], Any]) -> Any:
+    def ask(self, read: Callable[[], Read]) -> Read | None:
         """What `read` gives; None where it finds a problem."""
         try:
             with warnings.catch_warnings(record=True) as caught:
@@ -134,7 +137,7 @@ def _films(e: Experiment, found: Found) -> None:
                 found.films[section.name] = seen
 
 
-def _head(section: Any, opened: Callable[..., Any]) -> Picture:
+def _head(section: RodVideo | GrainVideo | BedImage | CraterImage, opened: Callable[..., Film]) -> Picture:
     path = section.path
     container = READERS.get(path.suffix.lower(), ("", ""))[0] == "video"
     if container and path.is_file() and path.stat().st_size > WHOLE:

@@ -7,12 +7,12 @@ import math
 import warnings
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Image
 from jumpvision.estimate.estimate import Estimate
 from jumpvision.experiment.inputs.experiment import Experiment
 from jumpvision.experiment.inputs.sections import (
@@ -35,7 +35,7 @@ from .pairs import in_pairs
 SCALE_OF_PIXELS = 1.0  # m/px, where only the lens is undone
 
 
-def open_film(section: RodVideo | GrainVideo, seen: Callable[[NDArray[np.generic]], None] | None = None) -> Film:
+def open_film(section: RodVideo | GrainVideo, seen: Callable[[Image], None] | None = None) -> Film:
     """The film of a section on the common clock; FrameError when frames are lost and `truncated` does not accept it.
 
     seen: see `open_frames`.
@@ -106,7 +106,7 @@ class StraightFilm(Film):
         self.__dict__.update(film.__dict__)  # its clock, shape, warnings and meta are those of the film
         self._film, self._map = film, straight_map(view, film.shape, scale)
 
-    def _read(self, i: int) -> NDArray[Any]:
+    def _read(self, i: int) -> Image:
         import cv2
 
         return np.asarray(cv2.remap(self._film[i], *self._map, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
@@ -124,7 +124,7 @@ class Region(Film):
         self._film, self._part = film, (slice(top, bottom + 1), slice(left, right + 1))
         self.shape = (bottom + 1 - top, right + 1 - left)
 
-    def _read(self, i: int) -> NDArray[Any]:
+    def _read(self, i: int) -> Image:
         return self._film[i][self._part].copy()
 
     def close(self) -> None:

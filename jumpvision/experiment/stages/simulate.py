@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from jumpvision.base.parameters import of_keywords
 from jumpvision.base.schema import InputError
@@ -174,7 +175,7 @@ def feedback(command: Forcing, law: Actuation, motor: Motor) -> Loop:
         raise InputError([f"[motor]: {e}"]) from None
 
 
-def of_arrays(tables: Any, time_s: Any = None, motor_m: Any = None) -> pd.DataFrame:
+def of_arrays(tables: Any, time_s: ArrayLike | None = None, motor_m: Any = None) -> pd.DataFrame:
     """The motion of a model that tables describe, as experiment.toml would: robot, model, ground, and bed where needed.
 
     time_s (n,) [s] increasing and motor_m (n,) [m]: where the motor is, along the rod; without them the law of the

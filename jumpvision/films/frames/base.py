@@ -8,12 +8,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Protocol, Required, Self, TypedDict
+from typing import NamedTuple, Protocol, Required, Self, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
-Image = NDArray[Any]
+from jumpvision.base.arrays import Image
 
 MEGAPIXELS = 200.0  # a picture of the largest sensors has 150; it takes 8 times as many bytes as floats
 LARGEST = "JUMPVISION_MEGAPIXELS"  # environment variable over it
@@ -78,7 +78,7 @@ class Film(ABC):
         path: Path,
         *,
         shape: tuple[int, int],
-        dtype: np.dtype[Any],
+        dtype: np.dtype[np.generic],
         clock: Clock,
         warnings: list[str],
         meta: Known,
@@ -226,7 +226,7 @@ def check_image(path: Path, height: int, width: int) -> None:
         )
 
 
-def native(image: NDArray[Any], where: Path | str) -> Image:
+def native(image: NDArray[np.generic], where: Path | str) -> Image:
     """The image (or stack) as uint8, uint16 or float32 in machine byte order; bool becomes 0 and 1.
 
     Other floats become float32. Raises FrameError for wider or signed integers: no value may change unseen.
@@ -235,7 +235,7 @@ def native(image: NDArray[Any], where: Path | str) -> Image:
     return np.ascontiguousarray(image, dtype=kind)
 
 
-def native_type(dtype: np.dtype[Any], where: Path | str) -> np.dtype[Any]:
+def native_type(dtype: np.dtype[np.generic], where: Path | str) -> np.dtype[np.generic]:
     if dtype.kind == "b":
         return np.dtype(np.uint8)
     if dtype.kind == "f":
@@ -245,7 +245,7 @@ def native_type(dtype: np.dtype[Any], where: Path | str) -> np.dtype[Any]:
     raise FrameError(f"{where}: pixels of type {dtype}; allowed: uint8, uint16, float; convert them before")
 
 
-def luma(red: NDArray[Any], green: NDArray[Any], blue: NDArray[Any]) -> Image:
+def luma(red: Image, green: Image, blue: Image) -> Image:
     """Grey of a colour image by Rec. 601, 0.299 R + 0.587 G + 0.114 B, at its own depth; exact where R = G = B."""
     if red.dtype.kind == "f":
         grey = 0.299 * red.astype(np.float64) + 0.587 * green + 0.114 * blue
@@ -254,7 +254,7 @@ def luma(red: NDArray[Any], green: NDArray[Any], blue: NDArray[Any]) -> Image:
     return ((wide + 500) // 1000).astype(red.dtype)
 
 
-def single_channel(image: NDArray[Any], where: Path | str, *, order: str = "rgb") -> Image:
+def single_channel(image: NDArray[np.generic], where: Path | str, *, order: str = "rgb") -> Image:
     """Grey (height, width) from (height, width) or (height, width, 1 | 3 | 4), the fourth (opacity) left out."""
     if image.ndim == 2:
         return native(image, where)

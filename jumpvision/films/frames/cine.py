@@ -13,7 +13,9 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from .base import Film, FrameError, Image, Known, check_image, clock, differs, lost
+from jumpvision.base.arrays import Image
+
+from .base import Film, FrameError, Known, check_image, clock, differs, lost
 from .packed import frame_bytes, pixel_type, read_pixels
 
 # Places in the setup block [bytes].

@@ -7,12 +7,13 @@ import struct
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .base import Film, FrameError, Image, check_image, clock, single_channel, upright
+from jumpvision.base.arrays import Image
+
+from .base import Film, FrameError, check_image, clock, single_channel, upright
 from .names import numbering
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff")
@@ -135,7 +136,7 @@ def pnm_size(head: bytes, tail: bytes) -> tuple[int, int] | None:
     return (int(match[3]), int(match[2])) if match else None
 
 
-def read_pnm(path: Path) -> NDArray[Any]:
+def read_pnm(path: Path) -> NDArray[np.generic]:
     """Binary PGM or PPM, values as stored. (OpenCV 5.0 gives the two bytes of 16-bit PGM in the wrong order.)"""
     with path.open("rb") as file:
         match = PNM.match(file.read(4096))

@@ -118,7 +118,7 @@ def foot_picture(triangles: Array, found: pd.DataFrame, foot: Foot) -> bytes:
         return png(figure)
 
 
-def curves(axis: Axes, kinds: Sequence[Any], name: str) -> None:
+def curves(axis: Axes, kinds: Sequence[object], name: str) -> None:
     """One column against depth for at most MOST pairs of angles, evenly chosen."""
     import matplotlib as mpl
 

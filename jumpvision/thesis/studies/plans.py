@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -115,7 +115,7 @@ def _stacked(rows: list[list[dict[str, float]]]) -> dict[str, AnyArray]:
 
 def _unknown(model: Model) -> dict[str, float]:
     """UNKNOWN of the values that the model has, in their units."""
-    values: Mapping[str, Any] = {**dataclasses.asdict(model.parameters), **vars(model)}
+    values: Mapping[str, float] = {**dataclasses.asdict(model.parameters), **vars(model)}
     return {n: share * values[n] for n, share in UNKNOWN.items() if values.get(n) and n in _of(model)}
 
 

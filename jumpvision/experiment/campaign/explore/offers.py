@@ -7,13 +7,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from jumpvision.base.arrays import Array
-from jumpvision.base.schema import InputError, read
+from jumpvision.base.schema import InputError, Toml, read
 from jumpvision.engine.fitting import Problem
 from jumpvision.experiment.campaign.jumps import spec_of
 from jumpvision.experiment.inputs.experiment import Experiment
@@ -145,7 +145,7 @@ def places(jumps: Sequence[Jump], most: int = PLACES) -> list[int]:
     return taken
 
 
-Changes = Mapping[str, Mapping[str, Any]]  # tables of experiment.toml, as --set has them
+Changes = Mapping[str, Toml]  # tables of experiment.toml, as --set has them
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.films.frames.base import Frames, Image
+from jumpvision.base.arrays import Image
+from jumpvision.films.frames.base import Frames
 from jumpvision.films.parameters import PivParams
 
 BACKGROUND_FRAMES = 64  # frames that a background is made from, of either exposure

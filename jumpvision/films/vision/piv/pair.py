@@ -21,8 +21,8 @@ class Backend(NamedTuple):
     """xp: array namespace (data-apis.org/array-api); put: NumPy array to it; get: its array to NumPy."""
 
     xp: Any
-    put: Callable[[NDArray[Any]], Any]
-    get: Callable[[Any], NDArray[Any]]
+    put: Callable[[NDArray[np.generic]], Any]
+    get: Callable[[Any], NDArray[np.generic]]
 
 
 NUMPY = Backend(np, np.asarray, np.asarray)
