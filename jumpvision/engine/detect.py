@@ -19,7 +19,6 @@ from .system import Candidate
 LEVEL = 0.02  # below this p a model is called discrepant
 DRAWS = 20_000  # of the noise, for the largest of many scores
 WEAK, STRONG = 0.3, 30.0  # noise units: an effect outside is tried again with another strength
-DEPENDENT = 1e-6  # share of a sensitivity that is left beside the fitted parameters and still counts
 
 
 @dataclass(frozen=True)
@@ -97,7 +96,8 @@ def directions(problem: Problem, fit: Fit, among: Sequence[str] | None = None) -
             length = float(np.linalg.norm(column))
             rest = span.off(column)
             left = float(np.linalg.norm(rest))
-            if length > 0 and left > DEPENDENT * length:
+            # less of a sensitivity beside the fitted parameters is rounding
+            if length > 0 and left > 1e-6 * length:
                 out.append(Direction(name, shape, rest / left, strength / left, left / length, column / left))
         return out
 
@@ -217,9 +217,6 @@ def detectable(problem: Problem, fit: Fit, found: Detection, rng: np.random.Gene
     return out
 
 
-CELL = 8  # samples at least
-
-
 @dataclass(frozen=True)
 class Cell:
     """mean_residual: measured minus predicted [unit of y]; z_score: of a shift of the whole cell, beside what the
@@ -248,7 +245,7 @@ def locate(problem: Problem, fit: Fit, by: tuple[str, ...], rng: np.random.Gener
     vectors, rows = [], []
     for key, masks in cells.items():
         raw = np.concatenate([(observations[i].y - predicted[i])[m] for i, m in masks.items()])
-        if raw.size < CELL:
+        if raw.size < 8:  # too few samples
             continue
         effect = [np.zeros(o.t.size) for o in observations]
         for i, m in masks.items():

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from llvmlite import binding as llvm
     from llvmlite import ir
 
-POWERS = 8  # greatest whole exponent that is written as products
-
 
 @dataclass(frozen=True)
 class Routine:
@@ -213,4 +211,5 @@ class _Function:
 
 def _whole(n: Node) -> bool:
     exponent = n.of[1]
-    return exponent.step is Step.NUMBER and exponent.number.is_integer() and abs(exponent.number) <= POWERS
+    # larger powers go to the C library
+    return exponent.step is Step.NUMBER and exponent.number.is_integer() and abs(exponent.number) <= 8

@@ -24,12 +24,9 @@ from .processes import Ask
 from .runs import Runs
 from .study import DELAYS, INSTRUMENT, Mechanism, Recording, Study
 
-SCOUTS = 2  # recordings over which first values are compared
-FAR = 3.0  # scales: a derivative from further off does not serve
 AGREES, DROWNED = 0.1, 0.5  # share of a change, and noise units, that a linear prediction may miss
 OLD = 6  # times that a derivative is handed on
 STARTS, NEAR = 4, 0.3  # rounds that fit what each recording has for itself; noise units of a change that is left
-LITTLE = 0.03  # of the misfit: a smaller change is taken as linear
 LEAP = 3.0  # sigmas that its values may move in a round
 DUMMY = "chosen_"  # an alternative function without parameters has one that does nothing
 
@@ -229,7 +226,8 @@ class Studied:
                 if not np.all(np.isfinite(p.y)):
                     continue
                 step, r, j, small = self._best_step(i, p.x, p.y, columns[i], mechanisms, values)
-                if float(np.linalg.norm(j @ step)) > max(NEAR, LITTLE * float(np.linalg.norm(r))):
+                # a change smaller than this part of the misfit is taken as linear
+                if float(np.linalg.norm(j @ step)) > max(NEAR, 0.03 * float(np.linalg.norm(r))):
                     moved[i] = np.concatenate([p.x[:first], p.x[first:] + sigma * step])
                 left[i] = small @ step
             open_ = set(moved)
@@ -293,7 +291,8 @@ class Studied:
 
     def scouts(self, which: Sequence[int]) -> Sequence[int]:
         """The first, and those evenly after it."""
-        return [which[k] for k in np.unique(np.linspace(0, len(which) - 1, SCOUTS).round().astype(int))]
+        # first values are compared over two recordings
+        return [which[k] for k in np.unique(np.linspace(0, len(which) - 1, 2).round().astype(int))]
 
     def _run(self, wanted: Sequence[tuple[int, int, Array]]) -> list[_Point]:
         """The runs (recording, function, x) as points of the memory."""
@@ -359,7 +358,8 @@ class Studied:
         best: tuple[float, _Point] | None = None
         for p in self.donors.get((i, function), ()):
             away = np.abs(x - p.x) / self.scales
-            if p is but or away.max() > FAR or any(k not in p.columns for k in np.flatnonzero(away)):
+            # a derivative from more than three scales off does not serve
+            if p is but or away.max() > 3.0 or any(k not in p.columns for k in np.flatnonzero(away)):
                 continue
             if all(p.age.get(k, OLD) < OLD for k in wanted) and (best is None or away.max() < best[0]):
                 best = (float(away.max()), p)

@@ -35,7 +35,6 @@ FIELDS = (".nc", ".mat")
 TABLES = (".xls", ".xlsx", ".ods", ".lvm", ".dat")
 IGNORED = ("", ".toml", ".json", ".md", ".cih", ".cihx", ".py", ".ipynb", ".html", ".pdf", ".docx")
 GUESSED = "guessed from what it shows: write another section if it is something else"
-SHOWN = 12  # channels named in a message
 ANY_RATE = 1.0  # Hz, to open pictures that carry no clock
 
 
@@ -143,7 +142,8 @@ def _channels(path: Path, name: str) -> Recording:
         return Recording(section, name, f"channels {', '.join(names)}")
     raise InputError(
         [
-            f"its channels are {', '.join(names[:SHOWN])}; known: {_headers()}; name them in its section, for example "
+            # channels named in a message
+            f"its channels are {', '.join(names[:12])}; known: {_headers()}; name them in its section, for example "
             f"columns.time_s = '{names[0] if names else 't'}' (docs/bring_your_own_data.md)"
         ]
     )

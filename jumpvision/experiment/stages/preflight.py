@@ -49,8 +49,6 @@ from .recordings import NOWHERE, bare_view, in_pixels, open_film, open_pictures
 from .rod import from_table, other_spring, read_motor, total_mass
 from .spring import read_spring
 
-WHOLE = 50e6  # bytes up to which a film in a container is decoded here, as a run does to count its frames
-SAG = 0.25  # m, of the spring under the robot's weight
 THOUSAND = 300.0, 3000.0  # ratios that a wrong prefix makes
 FAR = 3.0  # factor of a size beyond which it is none of the sought thing
 LONGEST = 5.0  # m, of what a film or a log of a jump shows
@@ -140,7 +138,8 @@ def _films(e: Experiment, found: Found) -> None:
 def _head(section: RodVideo | GrainVideo | BedImage | CraterImage, opened: Callable[..., Film]) -> Picture:
     path = section.path
     container = READERS.get(path.suffix.lower(), ("", ""))[0] == "video"
-    if container and path.is_file() and path.stat().st_size > WHOLE:
+    # a smaller film [bytes] in a container is decoded here, as a run does to count its frames
+    if container and path.is_file() and path.stat().st_size > 50e6:
         film, stream = open_video(path, "SLICE")
         with film:
             return Picture((stream.codec_context.height, stream.codec_context.width), None, None)
@@ -188,7 +187,7 @@ def _sizes(e: Experiment, found: Found) -> Iterator[str]:
         yield f"[robot] {name} = {value:g} kg: more than a jumping robot weighs; in grams? then give {value / 1e3:g}"
     if robot and robot.spring_stiffness and mass and not heavy:
         sag = mass * robot.gravity / robot.spring_stiffness
-        if sag > SAG:
+        if sag > 0.25:  # m: no spring gives so far under the robot's weight
             yield (
                 f"[robot] spring_stiffness = {robot.spring_stiffness:g} N/m: the robot's weight would press it by "
                 f"{sag:.3g} m; in N/mm? then give {1e3 * robot.spring_stiffness:g}"

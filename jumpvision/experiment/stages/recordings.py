@@ -183,7 +183,6 @@ def open_pictures(section: BedImage | CraterImage) -> Film:
 
 
 Filmed = RodVideo | BedImage | CraterImage | GrainVideo
-LARGEST_MISS = 2.0  # px rms of the marks, beyond which a wrong mark is more likely than a careless click
 
 
 def in_pixels(film: RodVideo, calibration: Calibration | None) -> bool:
@@ -194,7 +193,7 @@ def in_pixels(film: RodVideo, calibration: Calibration | None) -> bool:
 def view_of(calibration: Calibration | None, section: Filmed, shape: tuple[int, int]) -> Camera:
     """The camera; the distortion centre defaults to the image centre, the rail's tilt is that of the rod film alone."""
     view = bare_view(calibration, section, ((shape[1] - 1) / 2, (shape[0] - 1) / 2))
-    if view.residual_px > LARGEST_MISS:
+    if view.residual_px > 2.0:  # px rms: beyond, a wrong mark is more likely than a careless click
         warnings.warn(
             f"[calibration] marks miss their places in [{section.name}] by {view.residual_px:.1f} px rms: check them",
             StageWarning,

@@ -11,9 +11,6 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Image
 
-CONTRAST = 32.0  # grey: standard deviation that decimals are brought to (by a power of 2, so that no digit is lost)
-APART = 16.0  # times their contrast: decimals farther from 0 are moved to it, so that float32 holds them
-
 
 def grey_images(name: str, frames: Any) -> list[Image]:
     """Images (H, W) of a stack (n, H, W) or a sequence, masked arrays as they are; uint8, uint16 or floats.
@@ -71,9 +68,11 @@ def in_grey(images: Sequence[Image]) -> list[Image]:
     spread = float(known.std()) if known.size else 0.0
     if not 0.0 < spread < math.inf:
         return [np.ma.getdata(i) for i in images]
-    factor = 2.0 ** round(math.log2(CONTRAST / spread))
+    # decimals are brought to a standard deviation of about 32 grey, by a power of 2, so that no digit is lost
+    factor = 2.0 ** round(math.log2(32.0 / spread))
     low = float(known.min())
-    offset = low if low < 0.0 or low > APART * spread else 0.0
+    # decimals farther from 0 than 16 times their contrast are moved to it, so that float32 holds them
+    offset = low if low < 0.0 or low > 16.0 * spread else 0.0
     if factor == 1.0 and offset == 0.0:
         return [np.ma.getdata(i) for i in images]
     with np.errstate(invalid="ignore", over="ignore"):

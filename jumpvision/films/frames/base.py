@@ -17,10 +17,6 @@ from jumpvision.base.arrays import Image
 
 MEGAPIXELS = 200.0  # a picture of the largest sensors has 150; it takes 8 times as many bytes as floats
 LARGEST = "JUMPVISION_MEGAPIXELS"  # environment variable over it
-UNEVEN = 0.3  # relative change of the time between frames that is told: cameras jitter by less
-LEAP = 1e4  # times the usual step: no pause of a recording, in which the rest of the film would be lost
-FEW = 0.5  # share of the steps: where more are odd, the rate varies
-RATE_MISMATCH = 1e-3  # relative difference of declared and recorded frame rate that is worth a warning
 
 
 class FrameError(ValueError):
@@ -173,19 +169,22 @@ def uneven(path: Path, stamps: NDArray[np.float64]) -> list[str]:
         return []
     usual = float(np.median(steps))
     in_ms = bool(np.allclose(stamps * 1e3, np.rint(stamps * 1e3), atol=1e-6))  # rounded, as Matroska's are
-    allowed = max(UNEVEN * usual, 1.01e-3 if in_ms else 0.0)
+    # cameras jitter by less than 0.3 of the time between frames
+    allowed = max(0.3 * usual, 1.01e-3 if in_ms else 0.0)
     odd = np.flatnonzero(np.abs(steps - usual) > allowed)
     if not odd.size:
         return []
     k, share = int(odd[0]), odd.size / steps.size
-    if (far := np.flatnonzero(steps > LEAP * usual)).size:
+    # ten thousand steps are no pause of a recording, in which the rest of the film would be lost
+    if (far := np.flatnonzero(steps > 1e4 * usual)).size:
         j = int(far[0])
         return [
             f"{path}: the time stamps leap by {steps[j]:.3g} s after frame {j} (usually {usual:.3g} s): damaged? Give "
             "clock = 'declared' with frame_rate, or leave the frames out (exclude_frames)"
         ]
     whole = np.rint(steps[odd] / usual)
-    if share < FEW and (whole >= 2).all() and (np.abs(steps[odd] - whole * usual) < allowed).all():
+    # where more than half of the steps are odd, the rate varies
+    if share < 0.5 and (whole >= 2).all() and (np.abs(steps[odd] - whole * usual) < allowed).all():
         n = int((whole - 1).sum())
         return [
             f"{path}: {n} frame{'s are' if n > 1 else ' is'} missing by the time stamps, first after frame {k}; "
@@ -201,7 +200,8 @@ def differs(rate: float, stamps: NDArray[np.float64]) -> bool:
     """Whether a rate [Hz] disagrees with (n >= 2,) stamps [s]. Their mean step is exact where stamps are coarse or
     jitter, their median step where frames are lost; a rate that fits either agrees."""
     step = np.diff(stamps)
-    return all(not abs(rate * typical - 1) <= RATE_MISMATCH for typical in (float(step.mean()), float(np.median(step))))
+    # a larger relative difference of declared and recorded frame rate is worth a warning
+    return all(not abs(rate * typical - 1) <= 1e-3 for typical in (float(step.mean()), float(np.median(step))))
 
 
 def lost(path: Path, whole: int, promised: int) -> list[str]:

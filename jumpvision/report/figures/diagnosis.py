@@ -39,7 +39,6 @@ if TYPE_CHECKING:
 
 BARS = 7  # models shown
 ROWS = 12  # recordings shown
-POINTS = 121  # of a law along each argument
 SYMBOLS = {"C": "$C$", "b": "$b$", "k1": "$k_1$", "k2": "$k_2$"} | {n: rf"$\{n}$" for n in ("mu", "theta", "delta")}
 CYCLE = (GREEN, "#56B4E9", "#E69F00", MODEL, ACCENT, MEASURED, "#F0E442", QUIET)
 
@@ -265,9 +264,6 @@ def _energy(ax: Axes, data: Diagnosis) -> None:
     under(ax, 0.3)
 
 
-SMOOTH = 9  # frames, of the quadratic whose curvature is the acceleration
-
-
 def _force(ax: Axes, d: Findings, system: Jumper, extended: bool) -> None:
     """Mass times the acceleration that a model misses, over time: a picture, no evidence."""
     from scipy.signal import savgol_filter
@@ -280,7 +276,8 @@ def _force(ax: Axes, d: Findings, system: Jumper, extended: bool) -> None:
         fits["extended"] = (d.naming.best.fit, GREEN)
     for name, (fit, color) in fits.items():
         r = o.y - system.predict(fit.mechanisms, fit.named, [worst])[0]
-        force = jump.model.M * savgol_filter(r, SMOOTH, 2, deriv=2, delta=float(np.median(np.diff(o.t))))
+        # the acceleration is the curvature of a quadratic over 9 frames
+        force = jump.model.M * savgol_filter(r, 9, 2, deriv=2, delta=float(np.median(np.diff(o.t))))
         ax.plot(o.t[late], force[late], color=color, lw=1.0, label=name)
     ax.axhline(0.0, color=QUIET, lw=0.8)
     ax.set(title="force missing on the rod in (b)", xlabel="time [s]", ylabel="mass × missed acceleration [N]")
@@ -347,7 +344,9 @@ def discovered_law(law: Discovered, Figure: NewFigure) -> Figure:
     words = {n: f"{constants[n]:.3g}" for n, p in law.parameters.items()}
     figure.suptitle(f"${form.typeset(words)}$", fontsize=13)
     ax = figure.subplots()
-    axes = [np.linspace(law.seen[n][0], law.seen[n][1], POINTS) for n in names[:2]]
+    axes = [
+        np.linspace(law.seen[n][0], law.seen[n][1], 121) for n in names[:2]
+    ]  # points of the law along each argument
     unit = {"foot_mass": "mass [kg]", "film_height": "added height [m]", "film_time": "added time [s]"}
     label = unit.get(law.acts_on, "force [N]")
     if "u" in form.symbols:

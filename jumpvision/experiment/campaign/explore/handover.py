@@ -57,7 +57,6 @@ TESTS: Mapping[str, tuple[Mapping[str, Toml], str]] = {
     ),
 }
 TICK = 1e-3  # s, of the motor's table
-OFF = 0.1  # share of the travel by which a motor may leave its command
 
 
 @dataclass(frozen=True)
@@ -251,7 +250,7 @@ def mismatch(folder: Path, tables: Toml) -> str:
                 f"{section.path.name} goes from {t[0]:.3g} to {t[-1]:.3g} s, the motion from {law.start:.3g} to "
                 f"{motion.stop:.3g} s; record all of it"
             )
-        most = OFF * asked_of_motor(law, table)[0]
+        most = 0.1 * asked_of_motor(law, table)[0]  # a motor may leave its command by a tenth of the travel
         if cls is MotorLog and (off := np.abs(x - motion(t)[0])).max() > most:
             return (
                 f"{section.path.name}: the motor was up to {1e3 * off.max():.2f} mm from its command (at "
