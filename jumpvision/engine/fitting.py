@@ -24,7 +24,6 @@ T = TypeVar("T")
 STEP = 1e-3  # of a parameter's scale, for derivatives
 ITERATIONS = 30
 BROAD = 100.0  # ranges: standard deviation, as of a parameter that nothing else says anything of
-DAMPED, DAMPED_COSTLY = 12, 5  # steps tried in an iteration, ever shorter
 ENOUGH = 1e-3  # a smaller expected fall of chi^2 is not worth a step
 ROUGH = 1e-3  # share of chi^2 that is not worth a step where runs are dear: a model that misses so much is refused
 
@@ -270,7 +269,8 @@ class Problem:
             slope = rate * (sum(j.T @ a for j, a in zip(jac, r)) + before.rows.T @ before.pull(axes.values(x)))
             gain = 0.0
             enough = max(ENOUGH, ROUGH * (best - sum(a.size for a in r))) if costly else ENOUGH
-            for _ in range(DAMPED_COSTLY if costly else DAMPED):
+            # steps tried in an iteration, ever shorter
+            for _ in range(5 if costly else 12):
                 step = _bounded(hessian, slope, damping, scales, x, axes.low, axes.high)
                 expected = float(2 * slope @ step - step @ hessian @ step)
                 if expected < enough:

@@ -19,7 +19,6 @@ from .detect import Detection, Direction, detect, directions
 from .fitting import Fit, Problem
 from .system import Costly, Parameter
 
-PAIR = 2  # mechanisms that are tried together before a law of no vocabulary is
 MOST = 4  # mechanisms in a set
 ONES, TWOS = 4, 4  # extensions of a set by one mechanism, and by two, that its residuals ask for
 LAP, LAPS = 4, 6  # iterations of a fit before it is compared with the others, and how often
@@ -57,7 +56,7 @@ class Search:
     def run(self, enough: Enough | None = None) -> None:
         """Sets of one mechanism, then of one more until one passes, or none is likelier than the smaller ones.
 
-        enough: asked where no set of PAIR passes, whether larger ones need not be tried.
+        enough: asked where no set of two passes, whether larger ones need not be tried.
         """
         found, asked = self.tests[frozenset()], list(self.problem.system.candidates)
         if self.quick:
@@ -70,7 +69,8 @@ class Search:
                 self.race([*self.forward(size)])
             if not self.ranked(size) or self.settled(size):
                 return
-            if size == PAIR and enough is not None and enough(self):
+            # pairs are tried before a law of no vocabulary is
+            if size == 2 and enough is not None and enough(self):
                 return
             before, after = (self.fits[self.ranked(k)[0]] for k in (size - 1, size))
             # still larger sets are tried where this one took a tenth of the excess of chi^2

@@ -21,8 +21,6 @@ from jumpvision.thesis.studies.comparison import compare
 from jumpvision.thesis.studies.compute import origin_of
 from jumpvision.thesis.studies.motions import grid
 
-FINEST = 120  # points of an axis in a map of the page
-
 
 def write_sweep(file: Path) -> Path:
     """report.html beside a sweep.nc or comparison.nc; its path."""
@@ -89,9 +87,9 @@ def charts_of(data: xr.Dataset) -> list[Chart]:
 
 
 def map_panel(data: xr.Dataset, name: str, dims: list[str]) -> Panel:
-    """One quantity over two axes, the first upwards; thinned to FINEST points an axis."""
+    """One quantity over two axes, the first upwards; thinned to 120 points an axis."""
     title, factor, unit = SHOWN[name]
-    thin = {d: slice(None, None, -(-data.sizes[d] // FINEST)) for d in dims}
+    thin = {d: slice(None, None, -(-data.sizes[d] // 120)) for d in dims}
     part = data[[name]].isel(thin)
     z = part[name].transpose(*dims).values * factor
     z = np.where(z < 0, np.nan, z) if name == "n_jumps" else z

@@ -30,7 +30,6 @@ LAW = ("gravity", "stiffness", "viscous", "quadratic", "coulomb", "presliding", 
 UNDRIVEN = np.empty((2, 0))
 SENSOR = {"scale": 1.0}  # value at which each does nothing
 MOST_STEPS = 100_000  # between two frames, reversals counted
-AT_ONCE, TREMBLING = 1e-6, 3  # of a step: reversals closer than that, and how many of them make a body rest
 LONGEST = 2e-3  # s, of a step of a body with a restoring force
 WANDER = 1e-4  # step of a derivative by what wanders
 
@@ -81,7 +80,7 @@ def path(x: float, v: float, times: Array, p: Array, longest: float, drive: Arra
             return out
         n = max(4, math.ceil(left / longest))  # steps within a frame, at least
         step, turns, steps = left / n, 0, 0
-        while left > 1e-12 * step and turns < TREMBLING:
+        while left > 1e-12 * step and turns < 3:  # so many reversals make a body rest
             steps += 1
             if steps > MOST_STEPS or not abs(x) + abs(v) < math.inf:
                 return out
@@ -114,7 +113,7 @@ def path(x: float, v: float, times: Array, p: Array, longest: float, drive: Arra
                 elif abs(pushed(t + h, drive, p) - p[0] - p[1] * math.sin(x1)) <= p[4]:
                     held = True
                 x_turn, s = x1, -s
-                turns = turns + 1 if h < AT_ONCE * step else 0
+                turns = turns + 1 if h < 1e-6 * step else 0  # a reversal at once
             x, v = x1, v1
             left -= h
         out[i] = x

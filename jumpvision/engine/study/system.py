@@ -24,9 +24,7 @@ from .processes import Ask
 from .runs import Runs
 from .study import DELAYS, INSTRUMENT, Mechanism, Recording, Study
 
-AGREES, DROWNED = 0.1, 0.5  # share of a change, and noise units, that a linear prediction may miss
 OLD = 6  # times that a derivative is handed on
-STARTS, NEAR = 4, 0.3  # rounds that fit what each recording has for itself; noise units of a change that is left
 LEAP = 3.0  # sigmas that its values may move in a round
 DUMMY = "chosen_"  # an alternative function without parameters has one that does nothing
 
@@ -217,7 +215,7 @@ class Studied:
         (n,) that is left to it, which is small and linear."""
         first, sigma = len(self.rest), np.array(list(self.scatter_sigma.values()))
         open_, left = set(found), {}
-        for _ in range(STARTS):
+        for _ in range(4):  # rounds that fit what each recording has for itself
             places = list(range(first, len(self.names)))
             columns = self._columns(found, function, sorted(open_), places)
             moved = {}
@@ -226,8 +224,8 @@ class Studied:
                 if not np.all(np.isfinite(p.y)):
                     continue
                 step, r, j, small = self._best_step(i, p.x, p.y, columns[i], mechanisms, values)
-                # a change smaller than this part of the misfit is taken as linear
-                if float(np.linalg.norm(j @ step)) > max(NEAR, 0.03 * float(np.linalg.norm(r))):
+                # a change of less than 0.3 noise units, or of so little of the misfit, is taken as linear
+                if float(np.linalg.norm(j @ step)) > max(0.3, 0.03 * float(np.linalg.norm(r))):
                     moved[i] = np.concatenate([p.x[:first], p.x[first:] + sigma * step])
                 left[i] = small @ step
             open_ = set(moved)
@@ -343,7 +341,8 @@ class Studied:
         change = here.y - donor.y
         left = change - sum(donor.columns[k] * shift[k] for k in np.flatnonzero(shift).tolist())
         size, all_of_it = self._size(i, left), self._size(i, change)
-        if not size <= max(AGREES * all_of_it, DROWNED):
+        # a linear prediction may miss a tenth of a change, or half a noise unit
+        if not size <= max(0.1 * all_of_it, 0.5):
             return missing
         scaled = shift / self.scales
         for k in missing:

@@ -188,7 +188,6 @@ def opened(path: Path) -> tuple[Film, bool]:
 
 
 LOOKED, FEWEST, MOST = 24, 6, 0.25  # frames looked at for a moving ball, least, share of them it must be seen in
-CHANGED, MOVING = 0.15, 0.05  # of the scene's range of grey; share of the pixels that a ball may change so much
 
 
 def _film(path: Path, name: str, section: str | None) -> Recording:
@@ -248,7 +247,8 @@ def moving_ball(film: Film) -> tuple[int, str, float, float, float] | None:
         return None
     scene = still_scene(head)
     grey = float(np.ptp(np.percentile(scene, (0.1, 99.9))))
-    if np.mean([np.abs(f - scene) > CHANGED * grey for f in head[:: len(head) // FEWEST]]) > MOVING:
+    # more than 5 % of the pixels change by more than 15 % of the range of grey: no ball does so
+    if np.mean([np.abs(f - scene) > 0.15 * grey for f in head[:: len(head) // FEWEST]]) > 0.05:
         return None  # the scene itself moves: grains
     for polarity in ("bright", "dark"):
         found = moving_paths(head, scene, None, polarity, MIN_DIAMETER)

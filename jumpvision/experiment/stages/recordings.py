@@ -81,7 +81,7 @@ def slots(time: NDArray[np.float64], rate: float) -> NDArray[np.float64]:
     """Number of each frame among those of an even rate, the first 0, from times [s] (n >= 2,), rounded or not.
 
     The rate is the declared one [Hz], or another at which the film was saved for playing; where no even rate explains
-    the times within a third of a step or ROUNDED, fractions of the median step.
+    the times within a third of a step or 1.01 ms, fractions of the median step.
     """
     number = np.rint(time * rate)
     if np.median(np.diff(number)) == 1.0 and _explains(number, time, 1.0 / rate):
@@ -91,12 +91,10 @@ def slots(time: NDArray[np.float64], rate: float) -> NDArray[np.float64]:
     return number if _explains(number, time, step) else time / step
 
 
-ROUNDED = 1.01e-3  # s: Matroska keeps whole milliseconds
-
-
 def _explains(number: NDArray[np.float64], time: NDArray[np.float64], step: float) -> bool:
     line = np.polynomial.Polynomial.fit(number, time, 1)
-    return bool((np.diff(number) >= 1).all() and np.abs(time - line(number)).max() < max(step / 3.0, ROUNDED))
+    # Matroska keeps whole milliseconds
+    return bool((np.diff(number) >= 1).all() and np.abs(time - line(number)).max() < max(step / 3.0, 1.01e-3))
 
 
 class StraightFilm(Film):

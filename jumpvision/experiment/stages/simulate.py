@@ -33,7 +33,6 @@ from .rod import commanded, read_motor
 
 TICK = 1e-3  # s, spacing of the output where no track gives the times
 AROUND = np.linspace(-1.0, 10.0, 12)  # s, of a recording, where a clock's error is looked for
-AFTER = 1.0  # s, simulated beyond the motor's stop where no track says how long
 
 
 @stage(version=9, any_of=("log", "law"))
@@ -215,8 +214,8 @@ def last_motion(time: np.ndarray, position: np.ndarray, p: SimulateParams) -> fl
 
 
 def output_times(forcing: Forcing | Loop, stop: float, rod: RodMotion | None, *, lead: float) -> np.ndarray:
-    """Equal steps from `lead` seconds before the forcing to the end of the track (or AFTER beyond the motor's stop)."""
-    first, last = forcing.start - lead, stop + AFTER
+    """Equal steps from `lead` seconds before the forcing to the end of the track (or 1 s beyond the motor's stop)."""
+    first, last = forcing.start - lead, stop + 1.0
     if rod is not None:
         time = rod.arrays[0]
         first, last = min(first, float(time[0])), max(float(time[-1]), stop)
