@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 import scipy
@@ -20,7 +19,6 @@ from .system import Candidate
 LEVEL = 0.02  # below this p a model is called discrepant
 DRAWS = 20_000  # of the noise, for the largest of many scores
 WEAK, STRONG = 0.3, 30.0  # noise units: an effect outside is tried again with another strength
-DEPENDENT = 1e-6  # share of a sensitivity that is left beside the fitted parameters and still counts
 
 
 @dataclass(frozen=True)
@@ -98,7 +96,8 @@ def directions(problem: Problem, fit: Fit, among: Sequence[str] | None = None) -
             length = float(np.linalg.norm(column))
             rest = span.off(column)
             left = float(np.linalg.norm(rest))
-            if length > 0 and left > DEPENDENT * length:
+            # less of a sensitivity beside the fitted parameters is rounding
+            if length > 0 and left > 1e-6 * length:
                 out.append(Direction(name, shape, rest / left, strength / left, left / length, column / left))
         return out
 
@@ -218,15 +217,12 @@ def detectable(problem: Problem, fit: Fit, found: Detection, rng: np.random.Gene
     return out
 
 
-CELL = 8  # samples at least
-
-
 @dataclass(frozen=True)
 class Cell:
     """mean_residual: measured minus predicted [unit of y]; z_score: of a shift of the whole cell, beside what the
     parameters can do; p_value: of as large a z in any cell, were there nothing."""
 
-    labels: dict[str, Any]
+    labels: dict[str, str | float | None]
     part: str
     n: int
     mean_residual: float
@@ -240,16 +236,16 @@ def locate(problem: Problem, fit: Fit, by: tuple[str, ...], rng: np.random.Gener
     residual = span.off(span.residual)
     observations = problem.system.observations
     predicted = problem.system.predict(fit.mechanisms, fit.named, problem.all)
-    cells: dict[tuple[Any, ...], dict[int, NDArray[np.bool_]]] = {}
+    cells: dict[tuple[tuple[str | float | None, ...], str], dict[int, NDArray[np.bool_]]] = {}
     for i, o in enumerate(observations):
         parts = o.parts if o.parts is not None else np.full(o.t.size, "all")
         for part in np.unique(parts):
-            key = (*(o.labels.get(b) for b in by), str(part))
+            key = tuple(o.labels.get(b) for b in by), str(part)
             cells.setdefault(key, {})[i] = parts == part
     vectors, rows = [], []
     for key, masks in cells.items():
         raw = np.concatenate([(observations[i].y - predicted[i])[m] for i, m in masks.items()])
-        if raw.size < CELL:
+        if raw.size < 8:  # too few samples
             continue
         effect = [np.zeros(o.t.size) for o in observations]
         for i, m in masks.items():
@@ -265,8 +261,8 @@ def locate(problem: Problem, fit: Fit, by: tuple[str, ...], rng: np.random.Gener
     chance = np.sort(largest(vectors, rng))
     cells_out = [
         Cell(
-            dict(zip(by, key[:-1])),
-            key[-1],
+            dict(zip(by, key[0])),
+            key[1],
             n,
             mean,
             z,

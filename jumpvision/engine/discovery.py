@@ -21,13 +21,11 @@ from .naming import Naming, held_out_score
 from .search import FEW, Search, Start, race, some, start_of
 from .system import System
 
-SHAPES = 2  # sets of shape parameters of a form from which it starts
 ROUNDS = ((3, 16), (5, 7))  # iterations of a fit in each of them, and forms that go on
 LEVEL = 2.0  # of log likelihood: forms that predict alike; the simpler is taken
 ENOUGH = 0.9  # share of what the baseline gets wrong that a law must explain to be told
 SEED = 2  # of the look at the forms: the same data give the same law
 DRAWS = 500  # of the groups, for how often a form wins
-BEHIND = 0.5  # share of what could be explained; a form that has less of it after the first laps is not followed
 TOLD = 0.05  # share of the draws from which a form is told
 
 
@@ -204,11 +202,13 @@ def _starts(problem: Problem, fit: Fit, found: Detection, few: Sequence[int]) ->
         asked.setdefault(d.mechanism, []).append((float(z), d))
     starts: list[Start] = []
     for form, each in asked.items():
-        for z, d in sorted(each, key=lambda x: -abs(x[0]))[:SHAPES]:
+        # a form starts from its two best sets of shape parameters
+        for z, d in sorted(each, key=lambda x: -abs(x[0]))[:2]:
             starts.append(((*fit.mechanisms, form), start_of(problem, fit, d, z)))
     before = problem.cost(fit.mechanisms, fit.named, few)
     after = sum(problem.system.observations[i].t.size for i in few)
-    limit = before - BEHIND * max(before - after, 0.0)
+    # a form that explains less than half of what could be after the first laps is not followed
+    limit = before - 0.5 * max(before - after, 0.0)
     for iterations, kept in ROUNDS:
         fits = [f for m, s in starts if (f := problem.fit(m, s, few, iterations)) is not None]
         best: dict[tuple[str, ...], Fit] = {}

@@ -23,11 +23,9 @@ T = TypeVar("T")
 
 STEP = 1e-3  # of a parameter's scale, for derivatives
 ITERATIONS = 30
-DAMPED, DAMPED_COSTLY = 12, 5  # steps tried in an iteration, ever shorter
+BROAD = 100.0  # ranges: standard deviation, as of a parameter that nothing else says anything of
 ENOUGH = 1e-3  # a smaller expected fall of chi^2 is not worth a step
 ROUGH = 1e-3  # share of chi^2 that is not worth a step where runs are dear: a model that misses so much is refused
-FAR = 1.0  # trials scatter about a point less than a standard deviation away as they do about this one
-VALLEY = 0.02  # nor is a damped one, unless the free step promised more than this: then it creeps along a valley
 
 
 Frame = list[tuple[Array, Array]]  # by observation: orthonormal directions of its scatter and wander, and their size
@@ -271,7 +269,8 @@ class Problem:
             slope = rate * (sum(j.T @ a for j, a in zip(jac, r)) + before.rows.T @ before.pull(axes.values(x)))
             gain = 0.0
             enough = max(ENOUGH, ROUGH * (best - sum(a.size for a in r))) if costly else ENOUGH
-            for _ in range(DAMPED_COSTLY if costly else DAMPED):
+            # steps tried in an iteration, ever shorter
+            for _ in range(5 if costly else 12):
                 step = _bounded(hessian, slope, damping, scales, x, axes.low, axes.high)
                 expected = float(2 * slope @ step - step @ hessian @ step)
                 if expected < enough:
@@ -285,9 +284,11 @@ class Problem:
             if gain == 0.0:
                 break
             free_step = _bounded(hessian, slope, 1e-9, scales, x, axes.low, axes.high)
-            if gain < enough and float(slope @ free_step) < max(VALLEY, enough):
+            # a small gain of a damped step ends it, unless the free step promised more: then it creeps along a valley
+            if gain < enough and float(slope @ free_step) < max(0.02, enough):
                 break  # so near that the derivatives are those of here
-            if self.scattered and gain > FAR and (again := residuals(x, moved := framed(x))) is not None:
+            # trials scatter about a point less than a standard deviation away as they do about this one
+            if self.scattered and gain > 1.0 and (again := residuals(x, moved := framed(x))) is not None:
                 frame, r, best = moved, again, cost(again, x)
             jac = self.jacobian(mechanisms, free, axes.values(x), r, which, frame)
         else:
@@ -317,7 +318,6 @@ class Problem:
         return Fit(mechanisms, free, x, r, jac, chi2, covariance, float(evidence), known=before)
 
 
-BROAD = 100.0  # ranges: standard deviation, as of a parameter that nothing else says anything of
 HARD = 3.0  # conditional standard deviations by which a parameter's best value lies beyond the end of its range
 NEAR_END = 6.0  # standard deviations: an end of a range that is further off cuts nothing from the posterior
 

@@ -303,9 +303,6 @@ def left_of(problem: Problem, fit: Fit, scores: Array) -> float:
     return max(fit.chi2 - problem.n, top * top, 0.0)
 
 
-BINS = 40  # of a motion, for what residuals of one kind have in common
-
-
 def widened(problem: Problem, fit: Fit) -> tuple[Fit, float]:
     """(the fit with its covariance widened for misfit that it leaves, median factor on its standard uncertainties).
 
@@ -335,6 +332,7 @@ def widened(problem: Problem, fit: Fit) -> tuple[Fit, float]:
 
 
 def _course(residual: Array) -> Array:
-    """A residual (n,) as means over BINS equal parts of its motion."""
-    parts = np.array_split(residual, BINS)
+    """A residual (n,) as means over 40 equal parts of its motion."""
+    # parts enough to see what residuals of one kind have in common
+    parts = np.array_split(residual, 40)
     return np.array([p.mean() * math.sqrt(p.size) if p.size else 0.0 for p in parts])

@@ -19,20 +19,12 @@ from .detect import Detection, Direction, detect, directions
 from .fitting import Fit, Problem
 from .system import Costly, Parameter
 
-PAIR = 2  # mechanisms that are tried together before a law of no vocabulary is
 MOST = 4  # mechanisms in a set
-ROUTES = 3  # sets of each size that are built upon
-QUICK = 4  # single mechanisms that a quick search tries
 ONES, TWOS = 4, 4  # extensions of a set by one mechanism, and by two, that its residuals ask for
-EXCHANGES = 3  # rounds in which one mechanism of the best set is put in place of another
-ALIKE = 0.999999  # cosine of two directions that cannot be told apart
-SHORT = 1.0  # of chi^2 by which a fit is said to have stopped short
-NEAR = 30.0  # of chi^2: a set that loses no more without one of its mechanisms may do without it
 LAP, LAPS = 4, 6  # iterations of a fit before it is compared with the others, and how often
 FEW = 8  # conditions that the first lap goes over
 BEHIND, CLOSE = 3.0, 50.0  # a fit goes on while its chi^2 is less than this many laps, or this much, behind the best
 LEADING, FIRST = 8, 3  # sets that go on after the first lap, in a quick search; beside all that are CLOSE to the best
-FALL = 0.1  # of the excess of chi^2 by which a larger set must lower it for still larger ones to be tried
 
 Start = tuple[tuple[str, ...], dict[str, float]]
 Key = frozenset[str]
@@ -57,19 +49,19 @@ class Search:
         self, problem: Problem, base: Fit, found: Detection, rng: np.random.Generator, *, quick: bool = False
     ) -> None:
         self.problem, self.base, self.rng = problem, base, rng
-        self.quick, self.routes = quick, 1 if quick else ROUTES
+        self.quick, self.routes = quick, 1 if quick else 3  # best sets of each size are built upon
         self.fits: dict[Key, Fit] = {frozenset(): base}
         self.tests: dict[Key, Detection] = {frozenset(): found}
 
     def run(self, enough: Enough | None = None) -> None:
         """Sets of one mechanism, then of one more until one passes, or none is likelier than the smaller ones.
 
-        enough: asked where no set of PAIR passes, whether larger ones need not be tried.
+        enough: asked where no set of two passes, whether larger ones need not be tried.
         """
         found, asked = self.tests[frozenset()], list(self.problem.system.candidates)
         if self.quick:
             top = sorted(zip(map(abs, found.score), (d.mechanism for d in found.directions)), reverse=True)
-            asked = list(dict.fromkeys(m for _, m in top))[:QUICK]
+            asked = list(dict.fromkeys(m for _, m in top))[:4]  # single mechanisms that a quick search tries
         begun = self.problem.each(partial(starts, self.problem, self.base, found, m) for m in asked)
         self.race([s for some in begun for s in some])
         for size in range(1, MOST + 1):
@@ -77,10 +69,12 @@ class Search:
                 self.race([*self.forward(size)])
             if not self.ranked(size) or self.settled(size):
                 return
-            if size == PAIR and enough is not None and enough(self):
+            # pairs are tried before a law of no vocabulary is
+            if size == 2 and enough is not None and enough(self):
                 return
             before, after = (self.fits[self.ranked(k)[0]] for k in (size - 1, size))
-            if before.chi2 - after.chi2 < FALL * (before.chi2 - self.problem.n):
+            # still larger sets are tried where this one took a tenth of the excess of chi^2
+            if before.chi2 - after.chi2 < 0.1 * (before.chi2 - self.problem.n):
                 return
 
     # -- what is known ---------------------------------------------------------------------------------------------
@@ -109,7 +103,8 @@ class Search:
         if fit is None:
             return False
         key = frozenset(fit.mechanisms)
-        if key in self.fits and fit.chi2 >= self.fits[key].chi2 - SHORT:
+        # a fit has stopped short where another start gains this much chi^2
+        if key in self.fits and fit.chi2 >= self.fits[key].chi2 - 1.0:
             return False
         self.fits[key] = fit
         self.tests.pop(key, None)
@@ -122,7 +117,7 @@ class Search:
 
     def settled(self, size: int) -> bool:
         """Whether a set of this size passes, mechanisms of the best one having been exchanged for others."""
-        for _ in range(EXCHANGES):
+        for _ in range(3):  # rounds in which one mechanism of the best set is put in place of another
             best = self.ranked(size)[0]
             if any(not self.test(k).discrepant for k in self.ranked(size)[: self.routes]):
                 self.without(self.passing()[0])
@@ -144,7 +139,8 @@ class Search:
             self.keep(fit)
             if (smaller := frozenset(rest)) in self.fits:
                 out.append(smaller)
-                if self.fits[smaller].chi2 < whole.chi2 + NEAR:
+                # a set that loses no more chi^2 without one of its mechanisms may do without it
+                if self.fits[smaller].chi2 < whole.chi2 + 30.0:
                     self.test(smaller)
         return out
 
@@ -223,7 +219,7 @@ def combinations(
         return
     for (a, za, la, ha), (b, zb, lb, hb) in itertools.combinations(found, 2):
         c = float(a.vector @ b.vector)
-        if a.mechanism == b.mechanism or abs(c) > ALIKE:
+        if a.mechanism == b.mechanism or abs(c) > 0.999999:  # cosine of two directions that cannot be told apart
             continue
         x = min(max((za - c * zb) / (1.0 - c * c), la), ha)
         y = min(max(zb - c * x, lb), hb)

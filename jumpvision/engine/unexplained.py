@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import scipy
@@ -25,7 +25,6 @@ from .naming import held_out_score
 from .search import Start, best_starts, race, start_of
 from .system import System
 
-FITTED = 8  # shapes of the greatest scores are fitted through the simulation
 LEAST_OWN = 0.05  # share of a second shape that the first model cannot mimic
 TOLD = 0.1  # share of the draws from which a shape is worth telling
 
@@ -34,7 +33,7 @@ class Shapes(System, Protocol):
     """The system questioned with generic forces among its candidates: one number each, 0 where it is absent."""
 
     @property
-    def shapes(self) -> Mapping[str, Any]: ...
+    def shapes(self) -> Mapping[str, object]: ...
     def reach(self, shape: str, mechanisms: tuple[str, ...], values: Mapping[str, float]) -> str:
         """Where in position and speed the shape acted, in words."""
         ...
@@ -89,7 +88,7 @@ def _starts(problem: Problem, fit: Fit, found: Detection) -> list[Start]:
     """Of the shapes that are seen best, the better of the linear estimate of the strength and shares of it."""
     ranked = sorted(zip(found.directions, found.score), key=lambda x: -abs(x[1]))
     out = []
-    for d, z in ranked[:FITTED]:
+    for d, z in ranked[:8]:  # shapes of the greatest scores are fitted through the simulation
         full = start_of(problem, fit, d, float(z))
         r = problem.system.candidates[d.mechanism].parameters[0].name
         tries = [{**full, r: full[r] * share} for share in (1.0, 0.3)]

@@ -14,7 +14,6 @@ from jumpvision.base.arrays import FROM_MAD, Array
 
 from .estimate import TWO_SIDED_95, checked, checked_sigma, scatter_factor, widened
 
-SETTLED = 1.5  # noise widths of a change of the integral that count as none
 GROWTH = 1.15  # the step in which the radius of an integral is enlarged
 
 
@@ -58,7 +57,8 @@ def settled_radius(
             return radius, 0.0
         more = weights(GROWTH * radius) - weights(radius)
         cut = sum_sigma(more, residual(GROWTH * radius))
-        if abs(float(np.sum(more * values))) < SETTLED * cut:
+        # a change of the integral of 1.5 noise widths is none
+        if abs(float(np.sum(more * values))) < 1.5 * cut:
             return radius, cut
         radius *= GROWTH
 

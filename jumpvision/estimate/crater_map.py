@@ -13,11 +13,9 @@ from jumpvision.base.arrays import FROM_MAD, Array
 from .crater import BEYOND, DISTURBED, NAN, Crater, no_crater, settled_radius, sum_sigma
 
 SMOOTH = 2.0  # px, over which the map is smoothed to see where it is disturbed
-SMALLEST = 40  # px, smaller disturbed patches are none: the smoothing alone makes noise hang together over 25
 SPIKE = 8.0  # noise widths beyond which a pixel against its neighbours is no surface
 RING = 1.6  # the plane is fitted between the crater's radius and this many of them
 RIM = 4  # px around a hole, from which it is filled
-NEAR = 2.0  # parts of the disturbed ground within this many radii of the largest one belong to the crater
 
 
 def map_crater(
@@ -156,7 +154,8 @@ def _extent(
     parts, count = scipy.ndimage.label(np.abs(level) > DISTURBED * noise)
     edge = set(np.unique(np.r_[parts[:2].ravel(), parts[-2:].ravel(), parts[:, :2].ravel(), parts[:, -2:].ravel()]))
     size = np.bincount(parts.ravel())
-    inner = [k for k in range(1, count + 1) if k not in edge and size[k] >= SMALLEST]
+    # smaller disturbed patches [px] are none: the smoothing alone makes noise hang together over 25
+    inner = [k for k in range(1, count + 1) if k not in edge and size[k] >= 40]
     if not inner:
         return "no crater: the ground nowhere leaves its plane, away from the edges of the map"
     strength = np.bincount(parts.ravel(), np.abs(level).ravel())
@@ -169,7 +168,8 @@ def _extent(
         return middle, float(np.max(distance))
 
     centre, reach = disc(parts == main)
-    close = np.hypot(column - centre[0], row - centre[1]) < NEAR * reach
+    # parts of the disturbed ground within this many radii of the largest one belong to the crater
+    close = np.hypot(column - centre[0], row - centre[1]) < 2.0 * reach
     near = [k for k in inner if strength[k] > 0.02 * strength[main] and (close[parts == k]).all()]
     centre, reach = disc(np.isin(parts, near))
     return centre, radius if radius is not None else BEYOND * reach

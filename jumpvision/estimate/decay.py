@@ -23,7 +23,6 @@ LAWS = ("viscous", "quadratic", "coulomb")
 SETS = tuple(c for r in (1, 2, 3) for c in combinations(LAWS, r))
 DRAWS, BURN = 2000, 50
 REFUSED = 0.01  # chance below which a law alone is refused
-SETTLED = 1e-3  # of a record's chi2, over its degrees of freedom: smaller gains end a fit
 NAMED = 0.8  # chance from which a set of laws is named
 RARER = 0.25  # chance of a set before any data, for each law more: most bodies lose by one
 MISFIT = 4.0  # chi2 per degree of freedom beyond which the stated noise does not describe the record
@@ -154,7 +153,11 @@ def _fit(
     low = np.r_[np.full(5, -np.inf), np.zeros(3)][free]
     narrow = np.r_[0.1, 0.1, 0.1, 1e-3, 1e-2, 0.3, 0.3, 0.3][free]
     fit = scipy.optimize.least_squares(
-        residual, start[free], bounds=(low, np.inf), x_scale=narrow, ftol=SETTLED / x.size
+        residual,
+        start[free],
+        bounds=(low, np.inf),
+        x_scale=narrow,
+        ftol=1e-3 / x.size,  # smaller gains over the degrees of freedom end a fit
     )
     q = np.zeros(8)
     q[free] = fit.x
@@ -199,7 +202,6 @@ def _none(reason: str, n: int) -> Decay:
 
 
 PHASE_STEP = 0.2  # rad of the oscillation a step may cover
-SAME_STEP = 1e-12  # relative difference of steps that share their cosine: an even record needs it once
 MOST_STEPS = 1000  # between two samples: more, and what is asked for is no oscillation that was sampled
 
 
@@ -263,7 +265,8 @@ def swing(t: Array, y: float, v: float, w: float, kappa: float, gamma: float, be
                     stuck = True
                     break
                 side = 1.0 if pull > 0.0 else -1.0
-            if abs(h - of) > SAME_STEP * h:
+            # steps that differ by rounding share their cosine: an even record needs it once
+            if abs(h - of) > 1e-12 * h:
                 of, c, s = h, math.cos(0.5 * w * h), math.sin(0.5 * w * h)
             y1, v1 = _step(y, v, h, c, s, w, kappa, gamma, beta, dry * side)
             if dry > 0.0 and v1 * side < 0.0:  # turned within the step: end it at the turning point

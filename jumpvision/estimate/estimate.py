@@ -142,7 +142,6 @@ def least_squares_fit(
 
 
 CLOSE = 1e-8  # relative change of chi2 or of the parameters, or cosine of residual and slopes: what ends a fit
-STEPS = 100  # evaluations of the residual for each parameter, at most
 
 
 def _solved(
@@ -160,7 +159,7 @@ def _solved(
         ftol=CLOSE,
         xtol=CLOSE,
         gtol=CLOSE,
-        maxfev=STEPS * start.size,
+        maxfev=100 * start.size,  # evaluations of the residual for each parameter, at most
         diag=1.0 / scale,
     )
     return (p, jacobian(p), float(info["fvec"] @ info["fvec"])) if how in (1, 2, 3, 4) else None

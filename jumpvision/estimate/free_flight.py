@@ -6,6 +6,8 @@ import math
 import warnings
 from typing import TYPE_CHECKING, Any
 
+from numpy.typing import ArrayLike
+
 from .flight import restitution
 from .flight.table import as_table, columns_of, found_in
 
@@ -15,8 +17,8 @@ if TYPE_CHECKING:
 
 def flights(
     table: Any,
-    height_m: Any = None,
-    sigma_m: Any = None,
+    height_m: ArrayLike | None = None,
+    sigma_m: ArrayLike | None = None,
     *,
     gravity: float = 9.81,
     shortest: float = 0.0,

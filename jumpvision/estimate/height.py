@@ -175,9 +175,6 @@ def _solve(design: Array, y: Array, sigma: Array) -> tuple[Array, Array, float]:
     return p, cov, float(np.sum((b - a @ p) ** 2))
 
 
-FARTHEST = 1.5  # median frame intervals: an acceleration over wider gaps is not taken
-
-
 def exposure_shift(time: Array, height: Array, exposure: float) -> Array:
     """By how much the mean over the exposure lies above the height at its middle [unit of height], (n,).
 
@@ -191,7 +188,8 @@ def exposure_shift(time: Array, height: Array, exposure: float) -> Array:
     step = np.diff(time)
     speed = np.diff(height) / step
     acceleration = 2.0 * np.diff(speed) / (step[:-1] + step[1:])
-    far = np.maximum(step[:-1], step[1:]) > FARTHEST * np.median(step)
+    # an acceleration over gaps wider than 1.5 frames is not taken
+    far = np.maximum(step[:-1], step[1:]) > 1.5 * np.median(step)
     out[1:-1] = np.where(far, np.nan, acceleration * exposure**2 / 24.0)
     return out
 

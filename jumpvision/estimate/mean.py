@@ -117,7 +117,6 @@ def noise_at(residual: Array, frequency: float) -> float:
 
 OWN = 4  # trials from which the scatter of a condition is judged by itself, not pooled with that of the others
 DRAWS = 20_000
-LEAST_P = 1e-300  # |z| beyond 37 is told as 37: its p is no floating-point number
 
 
 @dataclass(frozen=True)
@@ -192,7 +191,8 @@ def agreement(
     total = np.sqrt(np.diag(cov))
     ratio, welch = off / total, dof * (total / u) ** 4
     p = 2.0 * scipy.stats.t.sf(np.abs(ratio), welch)
-    z = np.where(np.isinf(welch), ratio, np.sign(ratio) * scipy.stats.norm.isf(0.5 * np.maximum(p, LEAST_P)))
+    # z beyond 37 is told as 37: its p is no floating-point number
+    z = np.where(np.isinf(welch), ratio, np.sign(ratio) * scipy.stats.norm.isf(0.5 * np.maximum(p, 1e-300)))
     inverse = np.linalg.inv(cov)
     chi2 = float(off @ inverse @ off)
     if np.isinf(dof).all():

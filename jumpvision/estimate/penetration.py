@@ -29,8 +29,6 @@ DEEPEST = 0.95  # of the depth that the log reaches: a bend below that is not se
 NULL_DRAWS = 999
 KNOTS = 60  # places at which a bend is looked for against one slope
 SURE = 3.0  # sigmas from which compounding enters the law
-VARIED = 2.0  # pauses must differ by this factor to show a dependence
-REACH = 4.0  # an overshoot farther back than so many lam leaves nothing
 PARTS = (np.arange(5) - 2.0) / 5.0  # of a bin, at which a force is taken
 LAWS = {"reintrusion": "s", "stop_go": "s_p"}  # kind of event: its overshoot per depth
 
@@ -179,7 +177,8 @@ class Model:
             if np.any(mine := kinds == kind):
                 out[name] = np.where(mine, z, 0.0)
         t = b.event_pause[kinds == "stop_go"] if kinds.size else np.zeros(0)
-        if t.size >= 3 and t.min() > 0.0 and t.max() > VARIED * t.min():
+        # pauses must differ by a factor of 2 to show a dependence
+        if t.size >= 3 and t.min() > 0.0 and t.max() > 2.0 * t.min():
             out["s_p_per_decade"] = np.where(
                 kinds == "stop_go", z * np.log10(np.where(b.event_pause > 0, b.event_pause, 1)), 0.0
             )
@@ -366,7 +365,8 @@ def fit_family(bins: Bins, family: Family, contact: bool, rng: np.random.Generat
     model = Model(bins, family, contact)
     q, _ = model.best()
     out = fitted(model, q, rng)
-    near = bins.event_depth.size >= 4 and float(np.diff(bins.event_depth).min()) < REACH * out.fits["lam"].value
+    # an overshoot farther back than 4 lam leaves nothing
+    near = bins.event_depth.size >= 4 and float(np.diff(bins.event_depth).min()) < 4.0 * out.fits["lam"].value
     if not near:
         return out
     start = dict(zip(model.axes, map(float, q)))

@@ -18,7 +18,6 @@ import scipy
 from jumpvision.base.arrays import Array
 
 ROUNDS, DRAWS, TAIL = 6, 400, 4.0  # of the sampling; degrees of freedom of the t that proposes
-LEAST_COLUMN = 1e-9  # of its own length: a column that the others leave so little of is undetermined
 
 
 @nb.njit(cache=True)
@@ -95,7 +94,8 @@ def orthogonal(A):  # type: ignore[no-untyped-def]
             R[k, j] = np.sum(A[:, k] * A[:, j])
             A[:, j] -= R[k, j] * A[:, k]
         size = math.sqrt(np.sum(A[:, j] ** 2))
-        if size > LEAST_COLUMN * whole and size > 0.0:
+        # a column that the others leave so little of is undetermined
+        if size > 1e-9 * whole and size > 0.0:
             R[j, j] = size
             A[:, j] /= size
     return R

@@ -16,8 +16,6 @@ from .estimate import Estimate, checked, checked_sigma, fit_line, least_squares_
 
 FALSE_ALARM = 1e-3  # chance that pure noise passes as an oscillation
 DECAYS = np.array([0.0, 0.5, 1.5, 5.0, 15.0])  # over the record's length, first tries of the rate of decay
-TRIED = 2  # of them, the best by chi2, are fitted
-OVERSAMPLED = 8  # frequencies of the periodogram, over those of the record's length (1 for a first look)
 REGULAR, FINER = 0.01, 4  # of the samples' spacing: so regular is a record, and how much finer the grid of another
 LONG, A_PERIOD = 20_000, 16  # samples: longer records are averaged over neighbours, as far as leaves so many a period
 STILL = 0.01  # of the largest swing, below which a body counts as at rest
@@ -77,7 +75,8 @@ def ring_down(t: ArrayLike, x: ArrayLike, sigma: ArrayLike) -> RingDown:
         raise ValueError("ring_down: t must increase from sample to sample")
     t, x, sigma = thinned(t - t[0], x, sigma)
     n = t.size
-    frequency, n_independent = _start(t, x, sigma, OVERSAMPLED)
+    # 8 frequencies of the periodogram for each of the record's length (1 for a first look)
+    frequency, n_independent = _start(t, x, sigma, 8)
     flat = _linear(t, x, sigma, 0.0, 0.0)[1]
     span = float(t[-1])
 
@@ -96,7 +95,7 @@ def ring_down(t: ArrayLike, x: ArrayLike, sigma: ArrayLike) -> RingDown:
     w = 2.0 * math.pi * frequency
     tries = [(*_linear(t, x, sigma, w, decay), decay) for decay in DECAYS / span]
     best = None
-    for p, _, decay in sorted(tries, key=lambda a: a[1])[:TRIED]:
+    for p, _, decay in sorted(tries, key=lambda a: a[1])[:2]:  # the two best by chi2 are fitted
         size = max(math.hypot(p[0], p[1]), float(sigma.mean()))
         scale = [size, size, size, 1.0 / span, 1.0 / span]
         fit = least_squares_fit(residual, [*p, w, decay], scale=scale, jacobian=jacobian)
@@ -232,10 +231,6 @@ def swings_until(height: ArrayLike, sigma: ArrayLike) -> int:
     return last if last < 0.9 * h.size else h.size
 
 
-NEAR = 1.0 / 3.0  # of a half period on each side: a cosine is flatter than its parabola by a constant factor
-CLEAR = 3.0  # sigmas that a peak must stand above the offset
-
-
 def peaks_damping(t: Array, x: Array, sigma: Array, *, frequency: float, offset: float) -> Estimate:
     """zeta from the line through log |x - offset| at the peaks, each the top of a parabola over a third of a period.
 
@@ -251,7 +246,8 @@ def peaks_damping(t: Array, x: Array, sigma: Array, *, frequency: float, offset:
         if inside.size == 0:
             continue
         top = t[inside[np.argmax(np.abs(x[inside] - offset))]]
-        near = np.flatnonzero(np.abs(t - top) <= NEAR * half)
+        # a third of a half period on each side: a cosine is flatter than its parabola by a constant factor
+        near = np.flatnonzero(np.abs(t - top) <= 1.0 / 3.0 * half)
         if near.size < 4 or near[0] == 0 or near[-1] == t.size - 1:
             continue
         d = t[near] - top
@@ -260,7 +256,8 @@ def peaks_damping(t: Array, x: Array, sigma: Array, *, frequency: float, offset:
         p = cov @ (a.T @ ((x[near] - offset) / sigma[near]))
         shift = -0.5 * p[1] / p[2] if p[2] else math.inf
         height = p[0] - 0.25 * p[1] ** 2 / p[2] if p[2] else 0.0
-        if abs(shift) > half / 4.0 or height * p[2] > 0.0 or abs(height) < CLEAR * math.sqrt(cov[0, 0]):
+        # a peak must stand three sigmas above the offset
+        if abs(shift) > half / 4.0 or height * p[2] > 0.0 or abs(height) < 3.0 * math.sqrt(cov[0, 0]):
             continue
         if not times or top + shift > times[-1] + 0.5 * half:
             times.append(top + shift)

@@ -20,8 +20,6 @@ from jumpvision.base.arrays import Array
 from .estimate import Estimate, checked, least_squares_fit, scatter_factor
 from .mean import difference_noise
 
-STROKE = 0.02  # of the range of displacement: smaller reversals are none
-FEWEST = 5  # points
 BENT = 4.0  # sigmas of the curvature from which it is fitted along
 BLOCKS = 40  # of the record, in which the noise is asked for its correlation
 RHO = np.linspace(0.05, 0.95, 19)  # correlation of neighbouring blocks
@@ -55,11 +53,12 @@ def spring_stiffness(x: ArrayLike, force: ArrayLike, *, x_sigma: float, force_si
     if x_sigma < 0.0 or (force_sigma is not None and force_sigma <= 0.0):
         raise ValueError(f"spring_stiffness: force_sigma = {force_sigma} must be > 0, x_sigma = {x_sigma:g} >= 0")
     span = float(np.ptp(at)) if at.size else 0.0
-    side = direction(at, max(6.0 * x_sigma, STROKE * span), 6.0 * x_sigma)
+    # reversals of less than a fiftieth of the range of displacement are none
+    side = direction(at, max(6.0 * x_sigma, 0.02 * span), 6.0 * x_sigma)
     use = side != 0.0
     fitted = np.full(at.size, math.nan)
-    if use.sum() < FEWEST or span <= 6.0 * x_sigma:
-        reason = f"fewer than {FEWEST} points where the displacement moves by more than its noise"
+    if use.sum() < 5 or span <= 6.0 * x_sigma:
+        reason = "fewer than 5 points where the displacement moves by more than its noise"
         return Spring({"spring_stiffness": _none("N/m", int(use.sum()), reason)}, side, fitted, span)
     middle = 0.5 * float(at.min() + at.max())
     at, load, both = at[use], load[use], np.ptp(side[use]) > 0.0

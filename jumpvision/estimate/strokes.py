@@ -13,7 +13,6 @@ from jumpvision.base.arrays import Array
 from .estimate import Estimate, scatter_factor
 from .mean import correlation_time
 
-STOPPING = 0.2  # of a short stroke's time, left out before it ends
 SLOW = 0.25  # share of the typical intrusion speed below which the foot counts as paused
 
 
@@ -75,7 +74,8 @@ def fresh_samples(t: Array, depth: Array, *, window: float, rise: float) -> Fres
             before = np.maximum.accumulate(np.r_[deepest + (rise if begun else 0.0), depth[i : j - 1]])
             new = np.arange(i, j)[depth[i:j] > before]
             if new.size and j < t.size:  # the force relaxes as soon as the foot slows
-                slows = min(window, STOPPING * float(t[j - 1] - t[new[0]]))
+                # of a short stroke, a fifth of its time is left out before it ends
+                slows = min(window, 0.2 * float(t[j - 1] - t[new[0]]))
                 new = new[t[new] <= t[j - 1] - slows]
             if new.size:
                 if begun:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Unpack
 
 import numpy as np
 import xarray as xr
 
 from jumpvision import __version__
+from jumpvision.base.arrays import Array
 from jumpvision.base.storage import write_aside
 from jumpvision.experiment import files
 from jumpvision.report.pages.charts import Axis, AxisLook, Chart, Panel, Series, axis, chart, numbers, panel, series
@@ -19,8 +20,6 @@ from jumpvision.thesis.studies.axes import AXES
 from jumpvision.thesis.studies.comparison import compare
 from jumpvision.thesis.studies.compute import origin_of
 from jumpvision.thesis.studies.motions import grid
-
-FINEST = 120  # points of an axis in a map of the page
 
 
 def write_sweep(file: Path) -> Path:
@@ -88,9 +87,9 @@ def charts_of(data: xr.Dataset) -> list[Chart]:
 
 
 def map_panel(data: xr.Dataset, name: str, dims: list[str]) -> Panel:
-    """One quantity over two axes, the first upwards; thinned to FINEST points an axis."""
+    """One quantity over two axes, the first upwards; thinned to 120 points an axis."""
     title, factor, unit = SHOWN[name]
-    thin = {d: slice(None, None, -(-data.sizes[d] // FINEST)) for d in dims}
+    thin = {d: slice(None, None, -(-data.sizes[d] // 120)) for d in dims}
     part = data[[name]].isel(thin)
     z = part[name].transpose(*dims).values * factor
     z = np.where(z < 0, np.nan, z) if name == "n_jumps" else z
@@ -118,7 +117,7 @@ def map_panel(data: xr.Dataset, name: str, dims: list[str]) -> Panel:
     )
 
 
-def edges_of(x: Any) -> list[float]:
+def edges_of(x: Array) -> list[float]:
     """Ends of the cells about evenly spaced centres."""
     half = 0.5 * (x[-1] - x[0]) / (len(x) - 1) if len(x) > 1 else 0.5
     return [float(x[0] - half), float(x[-1] + half)]

@@ -9,7 +9,7 @@ import html
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self, get_args, get_origin, get_type_hints
@@ -199,7 +199,7 @@ class Diagnosis(Record):
         return reprs.page(f"Diagnosis: {self.verdict}", body, getattr(self, "pictures", list)())
 
     @property
-    def values(self) -> dict[str, Any]:
+    def values(self) -> dict[str, object]:
         """What the file holds: numbers, texts, lists and dicts."""
         return dict(plain(_json(self)))
 
@@ -216,7 +216,7 @@ class Diagnosis(Record):
         return cls.from_values(json.loads((folder / cls.file).read_text(encoding="utf-8")))
 
     @classmethod
-    def from_values(cls, values: Mapping[str, Any]) -> Self:
+    def from_values(cls, values: Mapping[str, object]) -> Self:
         """The inverse of `values`. Raises RecordError where a key is missing."""
         try:
             found: Self = _read(cls, values)
@@ -225,12 +225,12 @@ class Diagnosis(Record):
         return found
 
 
-def _key(f: Any) -> str:
+def _key(f: Field[object]) -> str:
     """The file's key of a field."""
     return str(f.metadata.get("key", f.name))
 
 
-def _json(value: Any) -> Any:
+def _json(value: object) -> object:
     """A record of records as dicts and lists."""
     if is_dataclass(value):
         known = {_key(f): (f, getattr(value, f.name)) for f in fields(value)}

@@ -24,7 +24,6 @@ from . import values as record
 from .diagnosis import Diagnosis
 from .sentence import Words, contradictions, sentence
 
-CELLS, CAUSES = 12, 8  # of "where", and of causes, that are told
 LOOSE = 0.5  # chi^2 per degree of freedom below which a model agrees better than noise lets it
 
 
@@ -68,7 +67,7 @@ def document(d: Findings, speaker: Speaker, stopped: str = "") -> Diagnosis:
         ),
         where=tuple(
             record.Cell(str(c.labels.get("kind")), c.part, c.mean_residual, c.z_score, c.p_value, c.n)
-            for c in d.where[:CELLS]
+            for c in d.where[:12]  # a page tells no more
         ),
         heights=(),
         causes=causes(d, speaker),
@@ -117,7 +116,7 @@ def causes(d: Findings, speaker: Speaker) -> tuple[record.Cause, ...]:
     if (n := d.naming) is None:
         return ()
     out = []
-    for mechanism in likely(n)[:CAUSES]:
+    for mechanism in likely(n)[:8]:  # a page tells no more causes
         e = next(e for e in n.tried if mechanism in e.mechanisms)
         others = tuple(m for m in e.mechanisms if m != mechanism)
         chances, found = n.chances(mechanism), speaker.parameters(e.fit, mechanism)

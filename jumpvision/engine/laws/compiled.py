@@ -7,14 +7,16 @@ process. What depends on constants alone is calculated once, by `prepare`, and r
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING
 
 from .tree import COMPARISONS, Node, Step
 
-POWERS = 8  # greatest whole exponent that is written as products
+if TYPE_CHECKING:
+    from llvmlite import binding as llvm
+    from llvmlite import ir
 
 
 @dataclass(frozen=True)
@@ -40,11 +42,12 @@ class Module:
     constants: tuple[str, ...]
     size: int
     address: Mapping[str, int]
-    engine: Any  # owns the code
+    engine: llvm.ExecutionEngine  # owns the code
 
 
 _lock = threading.Lock()  # LLVM's context is one a process
-_modules: dict[Any, Module] = {}  # kept: packed numbers hold addresses
+_Key = tuple[tuple[str, ...], tuple[tuple[str, Routine], ...]]
+_modules: dict[_Key, Module] = {}  # kept: packed numbers hold addresses
 
 
 def module(constants: Sequence[str], routines: Mapping[str, Routine]) -> Module:
@@ -77,7 +80,7 @@ def _compiled(constants: tuple[str, ...], routines: Mapping[str, Routine]) -> Mo
 
 
 @cache
-def _machine() -> Any:
+def _machine() -> llvm.TargetMachine:
     from llvmlite import binding as llvm
 
     llvm.initialize_native_target()
@@ -85,7 +88,7 @@ def _machine() -> Any:
     return llvm.Target.from_default_triple().create_target_machine(opt=2, cpu=llvm.get_host_cpu_name())
 
 
-def _hoisted(constants: Sequence[str], routines: Any) -> list[Node]:
+def _hoisted(constants: Sequence[str], routines: Iterable[Routine]) -> list[Node]:
     """The greatest parts of the routines that depend on constants alone."""
     known, out = frozenset(constants), dict[Node, None]()
 
@@ -107,7 +110,7 @@ def _hoisted(constants: Sequence[str], routines: Any) -> list[Node]:
 class _Function:
     """One routine in LLVM's language. place: where in the array of constants a node lies."""
 
-    def __init__(self, unit: Any, name: str, routine: Routine, place: Mapping[Node, int]) -> None:
+    def __init__(self, unit: ir.Module, name: str, routine: Routine, place: Mapping[Node, int]) -> None:
         from llvmlite import ir
 
         self.ir, self.double = ir, ir.DoubleType()
@@ -122,12 +125,12 @@ class _Function:
         self.function = ir.Function(unit, kind, name)
         self.builder = ir.IRBuilder(self.function.append_basic_block())
 
-    def at(self, array: Any, k: int) -> Any:
+    def at(self, array: ir.Value, k: int) -> ir.Value:
         return self.builder.gep(array, [self.ir.Constant(self.ir.IntType(32), k)])
 
     def write(self, first: int = 0) -> None:
         """first: of `prepare`, where in the array of constants its results begin."""
-        done: dict[Node, Any] = {}
+        done: dict[Node, ir.Value] = {}
         for k, name in enumerate(self.routine.inputs):
             arrays = self.function.args
             given = self.builder.load(self.at(arrays[1], k)) if self.routine.listed else arrays[1 + k]
@@ -142,13 +145,13 @@ class _Function:
         else:
             self.builder.ret(self.pair(values))
 
-    def pair(self, values: list[Any]) -> Any:
+    def pair(self, values: list[ir.Value]) -> ir.Value:
         out = self.ir.Constant(self.ir.LiteralStructType([self.double] * len(values)), self.ir.Undefined)
         for k, x in enumerate(values):
             out = self.builder.insert_value(out, x, k)
         return out
 
-    def value(self, n: Node, done: dict[Node, Any]) -> Any:
+    def value(self, n: Node, done: dict[Node, ir.Value]) -> ir.Value:
         if n not in done:
             if n in self.place:
                 done[n] = self.builder.load(self.at(self.function.args[0], self.place[n]))
@@ -162,7 +165,7 @@ class _Function:
         """Of a power by a number, its base alone: the exponent is in the code."""
         return n.of[:1] if n.step is Step.POW and _whole(n) else n.of
 
-    def step(self, n: Node, of: list[Any]) -> Any:
+    def step(self, n: Node, of: list[ir.Value]) -> ir.Value:
         b, zero = self.builder, self.ir.Constant(self.double, 0.0)
         plain = {Step.ADD: b.fadd, Step.SUB: b.fsub, Step.MUL: b.fmul, Step.DIV: b.fdiv}
         if n.step in plain:
@@ -188,7 +191,7 @@ class _Function:
             )
         return self.called(n.step.value, of)
 
-    def power(self, x: Any, exponent: int) -> Any:
+    def power(self, x: ir.Value, exponent: int) -> ir.Value:
         """By squares and products."""
         out, square, left = None, x, abs(exponent)
         while left:
@@ -199,7 +202,7 @@ class _Function:
         one = self.ir.Constant(self.double, 1.0)
         return one if out is None else self.builder.fdiv(one, out) if exponent < 0 else out
 
-    def called(self, name: str, of: list[Any]) -> Any:
+    def called(self, name: str, of: list[ir.Value]) -> ir.Value:
         """A function of the C library."""
         found = self.unit.globals.get(name)
         kind = self.ir.FunctionType(self.double, [self.double] * len(of))
@@ -208,4 +211,5 @@ class _Function:
 
 def _whole(n: Node) -> bool:
     exponent = n.of[1]
-    return exponent.step is Step.NUMBER and exponent.number.is_integer() and abs(exponent.number) <= POWERS
+    # larger powers go to the C library
+    return exponent.step is Step.NUMBER and exponent.number.is_integer() and abs(exponent.number) <= 8

@@ -16,7 +16,7 @@ FORMS = {
 }
 
 
-def value(root: Node, xp: Any, symbols: Mapping[str, Any]) -> Any:
+def value(root: Node, xp: Any, symbols: Mapping[str, object]) -> Any:
     """The law's value; of plain numbers as IEEE arithmetic has it, without exceptions."""
     names, function = _function(root)
     given = [symbols[n] for n in names]
@@ -39,7 +39,7 @@ def constant(root: Node) -> float:
 
 
 @lru_cache(4096)
-def _function(root: Node) -> tuple[Sequence[str], Callable[..., Any]]:
+def _function(root: Node) -> tuple[Sequence[str], Callable[..., object]]:
     """(names of its symbols, a function of xp and their values), line by line, each part once."""
     nodes = in_order([root])
     names = [n.name for n in nodes if n.step is Step.SYMBOL]

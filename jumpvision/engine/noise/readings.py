@@ -103,7 +103,6 @@ def _scale_of(z: Array, nu: float) -> float:
 
 SHARE = 5.0  # a track's wander remembers a fifth of the record
 GRID = np.concatenate([[0.0], np.geomspace(0.05, 30.0, 60)])  # d in units of the noise
-LEAST = 1e-5  # share of the wander's variance that a direction must hold
 
 
 def reach_of(times: Sequence[Array]) -> float:
@@ -116,7 +115,7 @@ def shapes(t: Array, reach: float) -> Array:
     knots = np.linspace(t[0], t[-1], max(4, int(np.ceil(3.0 * (t[-1] - t[0]) / reach)) + 2))
     kernel = np.exp(-0.5 * ((knots[:, None] - knots) / reach) ** 2)
     w, v = np.linalg.eigh(kernel)
-    kept = w > LEAST * w[-1]
+    kept = w > 1e-5 * w[-1]  # directions that hold less of the wander's variance are left out
     at = np.exp(-0.5 * ((t[:, None] - knots) / reach) ** 2)
     return np.asarray((at @ v[:, kept]) / np.sqrt(w[kept]))
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from itertools import permutations
 
 SHARE, REACH = 0.1, 1e3  # of the typical force: one that matters; of that, the ends of a strength's range
-LOW, HIGH = 0.05, 3.5  # exponents: below, a power is a constant; above, a wall
 POWERS = (0.5, 1.0, 1.5, 2.0)  # from which a search starts
 LEVELS = (0.1, 0.5)  # of the typical size, at which a force saturates: from which a search starts
 
@@ -43,7 +42,8 @@ class Form:
 
 def forms(symbols: Mapping[str, float]) -> Iterator[Form]:
     """Every form of symbols with these typical sizes: powers, odd and even, saturations, and products of two powers."""
-    p, n = (Shape(name, 1.0, LOW, HIGH, 0.3, POWERS) for name in ("p", "n"))
+    # below the first exponent a power is a constant; above the second, a wall
+    p, n = (Shape(name, 1.0, 0.05, 3.5, 0.3, POWERS) for name in ("p", "n"))
 
     def power(symbol: str, exponent: str) -> str:
         return f"abs({symbol} / {symbols[symbol]:g})**{{{exponent}}}"

@@ -18,9 +18,7 @@ from .study import Channel, Recording, Study
 STATED = 0.05  # relative standard uncertainty of a stated noise
 DEGREE = 5  # of the polynomial that a smooth course is over a window
 WINDOWS = (14, 20, 28, 40, 56, 80)  # samples
-FIRST = 0.01  # of the spread of the readings
 ROUGH = 6.0  # times the median power: a window with a kink, which tells nothing of the noise
-MORE = 1.3  # times the power of the shortest windows, more than chance makes it: the course is no such polynomial there
 
 
 @dataclass(frozen=True)
@@ -69,7 +67,8 @@ Track = tuple[Array, Array, str, Array | None]
 def _channel(c: Channel, tracks: Sequence[Track], warnings: list[str]) -> tuple[Noise, dict[str, Source]]:
     frame = frame_of([t for t, *_ in tracks])
     if c.process:  # until it is learned from how the simulation errs: what a fit by least squares needs
-        return Noise(FIRST * float(np.std(np.concatenate([y for _, y, *_ in tracks]))) or 1.0, 0.0, frame), {}
+        # first guess: a hundredth of the spread of the readings
+        return Noise(0.01 * float(np.std(np.concatenate([y for _, y, *_ in tracks]))) or 1.0, 0.0, frame), {}
     stated = [s for *_, s in tracks if s is not None]
     if c.noise is not None or stated:
         s = c.noise if c.noise is not None else float(np.median(np.concatenate(stated)))
@@ -119,7 +118,8 @@ def _smooth(tracks: Sequence[tuple[Array, Array]]) -> list[Stretch]:
             break
         typical = float(np.median(power))
         first = first or typical
-        if best and typical > MORE * first:
+        # more over the power of the shortest windows than chance makes it: the course is no such polynomial there
+        if best and typical > 1.3 * first:
             break
         best = [x for x, p in zip(pieces, power) if p <= ROUGH * typical]
     return best

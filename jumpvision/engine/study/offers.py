@@ -13,12 +13,11 @@ from jumpvision.engine.fitting import Problem
 from .study import Recording, Study
 from .system import Studied
 
-OFFERS = 9  # over all inputs together: every one is simulated by every likely model, with its derivatives
-
 
 def unmade(study: Study, recordings: Sequence[Recording]) -> list[Recording]:
     """Recordings like the first one, their inputs over the ranges that may be chosen, nothing measured yet."""
-    like, places = recordings[0], max(2, round(OFFERS ** (1 / len(study.inputs))))
+    # nine offers over all inputs: every one is simulated by every likely model, with its derivatives
+    like, places = recordings[0], max(2, round(9 ** (1 / len(study.inputs))))
     grids = [np.linspace(low, high, places).tolist() for low, high in study.inputs.values()]
     out = []
     for values in itertools.product(*grids):

@@ -29,13 +29,9 @@ from jumpvision.estimate.decay import resistance
 LAW = ("gravity", "stiffness", "viscous", "quadratic", "coulomb", "presliding", "drive")
 UNDRIVEN = np.empty((2, 0))
 SENSOR = {"scale": 1.0}  # value at which each does nothing
-SUBSTEPS = 4  # of a frame, at least
 MOST_STEPS = 100_000  # between two frames, reversals counted
-AT_ONCE, TREMBLING = 1e-6, 3  # of a step: reversals closer than that, and how many of them make a body rest
 LONGEST = 2e-3  # s, of a step of a body with a restoring force
 WANDER = 1e-4  # step of a derivative by what wanders
-NEAR = 1e-9  # of a start's typical size: the fit of a start has converged
-KEEPS = 0.1  # a step of that fit this much shorter than the last one was taken with derivatives that will do again
 
 
 @njit(cache=True, error_model="numpy")
@@ -82,9 +78,9 @@ def path(x: float, v: float, times: Array, p: Array, longest: float, drive: Arra
         left = times[i] - times[i - 1]
         if not left <= MOST_STEPS * longest:
             return out
-        n = max(SUBSTEPS, math.ceil(left / longest))
+        n = max(4, math.ceil(left / longest))  # steps within a frame, at least
         step, turns, steps = left / n, 0, 0
-        while left > 1e-12 * step and turns < TREMBLING:
+        while left > 1e-12 * step and turns < 3:  # so many reversals make a body rest
             steps += 1
             if steps > MOST_STEPS or not abs(x) + abs(v) < math.inf:
                 return out
@@ -117,7 +113,7 @@ def path(x: float, v: float, times: Array, p: Array, longest: float, drive: Arra
                 elif abs(pushed(t + h, drive, p) - p[0] - p[1] * math.sin(x1)) <= p[4]:
                     held = True
                 x_turn, s = x1, -s
-                turns = turns + 1 if h < AT_ONCE * step else 0
+                turns = turns + 1 if h < 1e-6 * step else 0  # a reversal at once
             x, v = x1, v1
             left -= h
         out[i] = x
@@ -241,9 +237,10 @@ class Body:
             start = start + change[1:]
             at = shown(start)
             moved_by = float(np.max(np.abs(change[1:])))
-            if moved_by < NEAR:
+            if moved_by < 1e-9:  # in parts of a start's typical size: its fit has converged
                 break
-            if moved_by > KEEPS * last:  # else the derivatives of before are good enough
+            # derivatives that made a step ten times shorter than the last one will do again
+            if moved_by > 0.1 * last:  # else the derivatives of before are good enough
                 matrix = None
             last = moved_by
         r = white(o.y - at)

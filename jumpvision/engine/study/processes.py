@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -26,9 +26,13 @@ from jumpvision.base.schema import InputError
 
 from .study import Recording, Study
 
+if TYPE_CHECKING:
+    pass
+
 START = 120.0  # s that a process may take to import a simulator
 FORM = "--simulator {}: must be MODULE:NAME, as in pendulum:study or lab/pendulum.py:study"
 Values = Mapping[str, float]
+Given = object  # what a user's function gives, or a Failure; `Runs` checks it
 
 
 @dataclass(frozen=True)
@@ -66,7 +70,7 @@ class Failure:
 
 
 class Maker(Protocol):
-    def results(self, asked: Sequence[Ask]) -> Iterator[tuple[int, Any]]:
+    def results(self, asked: Sequence[Ask]) -> Iterator[tuple[int, Given]]:
         """(place in the list, what the function gave or a Failure) as they come."""
         ...
 
@@ -79,7 +83,7 @@ class Here:
     def __init__(self, study: Study, recordings: Sequence[Recording]) -> None:
         self.study, self.recordings = study, recordings
 
-    def results(self, asked: Sequence[Ask]) -> Iterator[tuple[int, Any]]:
+    def results(self, asked: Sequence[Ask]) -> Iterator[tuple[int, Given]]:
         if not self.study.batch:
             for k, a in enumerate(asked):
                 yield k, _run(self.study, self.recordings, a)
@@ -92,7 +96,7 @@ class Here:
         pass
 
 
-def _run(study: Study, recordings: Sequence[Recording], ask: Ask) -> Any:
+def _run(study: Study, recordings: Sequence[Recording], ask: Ask) -> Given:
     """One run; what the function raises is a failure with its place."""
     try:
         return study.functions[ask.function](*study.arguments(ask.parameters, recordings[ask.recording]))
@@ -101,7 +105,7 @@ def _run(study: Study, recordings: Sequence[Recording], ask: Ask) -> Any:
         return Failure(_raised(e) + (has if isinstance(e, KeyError) else ""))
 
 
-def _batch(study: Study, recordings: Sequence[Recording], asked: Sequence[Ask]) -> list[Any]:
+def _batch(study: Study, recordings: Sequence[Recording], asked: Sequence[Ask]) -> list[Given]:
     """Runs of one function at once."""
     try:
         given = [dict(a.parameters) for a in asked], [recordings[a.recording] for a in asked]
@@ -132,7 +136,7 @@ class Others:
             self.close()
             raise
 
-    def results(self, asked: Sequence[Ask]) -> Iterator[tuple[int, Any]]:
+    def results(self, asked: Sequence[Ask]) -> Iterator[tuple[int, Given]]:
         waiting = deque(enumerate(asked))
         while waiting or any(p.busy for p in self.processes):
             for i, p in enumerate(self.processes):
@@ -142,7 +146,7 @@ class Others:
                     p.begin(*waiting.popleft())
             yield from self._results()
 
-    def _results(self) -> Iterator[tuple[int, Any]]:
+    def _results(self) -> Iterator[tuple[int, Given]]:
         busy = {p.connection: p for p in self.processes if p.busy}
         left = None
         if self.limit is not None:
@@ -183,7 +187,7 @@ class _Process:
         self.connection.send(ask)
         self.at, self.busy, self.began = at, True, time.perf_counter()
 
-    def result(self) -> Any:
+    def result(self) -> Given:
         self.busy = False
         try:
             return self.connection.recv()
@@ -287,7 +291,7 @@ def described(source: str, recordings: Sequence[Recording]) -> Study:
     return found
 
 
-def _portable(value: Any) -> Any:
+def _portable(value: Any) -> object:
     """What a simulator gave as plain arrays, which any process can read."""
     if hasattr(value, "columns"):
         return {str(c): np.asarray(value[c], float) for c in value.columns}
@@ -333,7 +337,7 @@ def outside(source: str, folder: Path) -> None:
         )
 
 
-def source_of(function: Callable[..., Any]) -> str:
+def source_of(function: Callable[..., object]) -> str:
     """The text of the module that holds a function, of the function alone where there is none."""
     try:
         return inspect.getsource(sys.modules[function.__module__])

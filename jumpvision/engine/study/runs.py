@@ -19,9 +19,6 @@ from jumpvision.base.schema import InputError
 from .processes import Ask, Failure, Here, How, Maker, Others, Values, source_of
 from .study import Recording, Study
 
-HELD = 512 * 2**20  # bytes of results kept in memory
-EVERY = 1.0  # s between two reports
-
 
 class SimulatorError(InputError):
     """A run that gave nothing to compare. parameters, recording: those that did it."""
@@ -31,7 +28,7 @@ class SimulatorError(InputError):
         super().__init__([f"the simulator {why}; recording {recording!r}, parameters {{{at}}}"])
         self.why, self.parameters, self.recording = why, dict(parameters), recording
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         return SimulatorError, (self.why, self.parameters, self.recording)
 
 
@@ -151,11 +148,11 @@ class Runs:
     def _hold(self, key: bytes, array: Array) -> None:
         self.held[key] = array
         self.bytes += array.nbytes
-        while self.bytes > HELD and len(self.held) > 1:
+        while self.bytes > 512 * 2**20 and len(self.held) > 1:  # bytes of results kept in memory
             self.bytes -= self.held.popitem(last=False)[1].nbytes
 
     def _tell(self) -> None:
-        if self.how.progress and time.perf_counter() - self.told > EVERY:
+        if self.how.progress and time.perf_counter() - self.told > 1.0:  # s between two reports
             self.told, c = time.perf_counter(), self.count
             most = f" of at most {self.how.budget}" if self.how.budget else ""
             self.how.progress(f"simulations: {c.made}{most}, {c.seconds / c.made:.2g} s each")

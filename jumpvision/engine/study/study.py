@@ -50,8 +50,8 @@ class Recording:
     name: str
     t: Array
     values: Any
-    inputs: Mapping[str, Any] = field(default_factory=dict)
-    labels: Mapping[str, Any] = field(default_factory=dict)
+    inputs: Mapping[str, object] = field(default_factory=dict)
+    labels: Mapping[str, object] = field(default_factory=dict)
     group: str = ""
     condition: str = ""
     sigma: Any = None
@@ -325,7 +325,7 @@ class Study:
             return f"mechanism {m.name!r}: law = {m.law!r}: {e} (symbols of the study: {allowed})"
         return ""
 
-    def arguments(self, parameters: Mapping[str, float], recording: Recording) -> tuple[Any, ...]:
+    def arguments(self, parameters: Mapping[str, float], recording: Recording) -> tuple[object, ...]:
         """What the simulator is called with."""
         given = dict(parameters)
         if not self.symbols:

@@ -10,7 +10,6 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import scipy
@@ -25,12 +24,7 @@ from .processes import Ask
 from .runs import Runs
 from .study import DELAYS, INSTRUMENT, Mechanism, Recording, Study
 
-SCOUTS = 2  # recordings over which first values are compared
-FAR = 3.0  # scales: a derivative from further off does not serve
-AGREES, DROWNED = 0.1, 0.5  # share of a change, and noise units, that a linear prediction may miss
 OLD = 6  # times that a derivative is handed on
-STARTS, NEAR = 4, 0.3  # rounds that fit what each recording has for itself; noise units of a change that is left
-LITTLE = 0.03  # of the misfit: a smaller change is taken as linear
 LEAP = 3.0  # sigmas that its values may move in a round
 DUMMY = "chosen_"  # an alternative function without parameters has one that does nothing
 
@@ -73,7 +67,7 @@ class Studied:
         self.points: dict[tuple[int, int, bytes], _Point] = {}
         self.donors: dict[tuple[int, int], list[_Point]] = {}  # points with derivatives
         self.first = [np.array([_start(p.start, r) for p in self.each]) for r in self.recordings]
-        self.settled: dict[tuple[Any, ...], tuple[_Point, Array | float]] = {}
+        self.settled: dict[tuple[object, ...], tuple[_Point, Array | float]] = {}
         self.starts: dict[tuple[int, tuple[str, ...]], tuple[float, Array]] = {}  # the best so far: chi^2, values
 
     @property
@@ -221,7 +215,7 @@ class Studied:
         (n,) that is left to it, which is small and linear."""
         first, sigma = len(self.rest), np.array(list(self.scatter_sigma.values()))
         open_, left = set(found), {}
-        for _ in range(STARTS):
+        for _ in range(4):  # rounds that fit what each recording has for itself
             places = list(range(first, len(self.names)))
             columns = self._columns(found, function, sorted(open_), places)
             moved = {}
@@ -230,7 +224,8 @@ class Studied:
                 if not np.all(np.isfinite(p.y)):
                     continue
                 step, r, j, small = self._best_step(i, p.x, p.y, columns[i], mechanisms, values)
-                if float(np.linalg.norm(j @ step)) > max(NEAR, LITTLE * float(np.linalg.norm(r))):
+                # a change of less than 0.3 noise units, or of so little of the misfit, is taken as linear
+                if float(np.linalg.norm(j @ step)) > max(0.3, 0.03 * float(np.linalg.norm(r))):
                     moved[i] = np.concatenate([p.x[:first], p.x[first:] + sigma * step])
                 left[i] = small @ step
             open_ = set(moved)
@@ -294,7 +289,8 @@ class Studied:
 
     def scouts(self, which: Sequence[int]) -> Sequence[int]:
         """The first, and those evenly after it."""
-        return [which[k] for k in np.unique(np.linspace(0, len(which) - 1, SCOUTS).round().astype(int))]
+        # first values are compared over two recordings
+        return [which[k] for k in np.unique(np.linspace(0, len(which) - 1, 2).round().astype(int))]
 
     def _run(self, wanted: Sequence[tuple[int, int, Array]]) -> list[_Point]:
         """The runs (recording, function, x) as points of the memory."""
@@ -345,7 +341,8 @@ class Studied:
         change = here.y - donor.y
         left = change - sum(donor.columns[k] * shift[k] for k in np.flatnonzero(shift).tolist())
         size, all_of_it = self._size(i, left), self._size(i, change)
-        if not size <= max(AGREES * all_of_it, DROWNED):
+        # a linear prediction may miss a tenth of a change, or half a noise unit
+        if not size <= max(0.1 * all_of_it, 0.5):
             return missing
         scaled = shift / self.scales
         for k in missing:
@@ -360,7 +357,8 @@ class Studied:
         best: tuple[float, _Point] | None = None
         for p in self.donors.get((i, function), ()):
             away = np.abs(x - p.x) / self.scales
-            if p is but or away.max() > FAR or any(k not in p.columns for k in np.flatnonzero(away)):
+            # a derivative from more than three scales off does not serve
+            if p is but or away.max() > 3.0 or any(k not in p.columns for k in np.flatnonzero(away)):
                 continue
             if all(p.age.get(k, OLD) < OLD for k in wanted) and (best is None or away.max() < best[0]):
                 best = (float(away.max()), p)

@@ -24,8 +24,6 @@ from .learn import Readings, together
 from .system import Studied
 
 MEMORY = 20.0  # records: a walk as an autoregression that hardly forgets
-INCREMENTS = 5  # increments beyond what is taken off, by which a walk is learned
-DIFFERS = 0.5  # of an effect: less between repeats is no difference of theirs
 
 
 @dataclass(frozen=True)
@@ -115,7 +113,7 @@ def walk(found: Sequence[Difference]) -> tuple[float, int]:
             y, design = y / scale, design / scale[:, None]
             y = y - design @ np.linalg.lstsq(design, y, rcond=None)[0]
             power, free = power + float(y @ y), free + y.size - design.shape[1]
-        if free < INCREMENTS:
+        if free < 5:  # increments beyond what is taken off, by which a walk is learned
             return best
         best = max(best, (math.sqrt(power / free), free))
         lag *= 2
@@ -138,7 +136,8 @@ def _effects(system: Studied, base: Fit) -> list[list[Array]]:
 def _differs(a: Array, b: Array) -> bool:
     """Whether an effect is another one in a repeat."""
     size = float(np.linalg.norm(a) + np.linalg.norm(b))
-    return size > 0.0 and float(np.linalg.norm(b - a)) > 0.5 * DIFFERS * size
+    # less than half an effect between repeats is no difference of theirs
+    return size > 0.0 and float(np.linalg.norm(b - a)) > 0.25 * size
 
 
 def _alike(system: Studied, i: int, j: int) -> bool:

@@ -22,7 +22,6 @@ from jumpvision.engine.naming import Explanation
 from jumpvision.engine.system import parameters
 
 HELD, MOST = 2e-3, 8  # probability of a model that is thought of, and how many are
-LEAST = 1e-9  # probability of the second one where nothing but the first is likely
 DRAWS = 128  # of the readings, by model
 SAME = 0.02  # bits by which two gains are alike: the larger log-odds win then
 
@@ -92,7 +91,8 @@ class Proposal:
 def belief(tried: Sequence[Explanation]) -> list[Held]:
     """The likeliest models that were tried, two to MOST of them, their probabilities scaled to 1."""
     kept = [e for k, e in enumerate(tried) if e.probability >= HELD or k < 2][:MOST]
-    chances = [max(e.probability, LEAST) for e in kept]
+    # a second one has some probability where nothing but the first is likely
+    chances = [max(e.probability, 1e-9) for e in kept]
     return [Held(e.fit, p / sum(chances)) for e, p in zip(kept, chances)]
 
 

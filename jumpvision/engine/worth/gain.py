@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 import scipy
@@ -18,7 +17,6 @@ from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.search import Search
 
 FOLDS = 4
-REFIT = 6  # iterations, from the full fit
 FEW_GROUPS = 3  # groups below which an interval is not stated
 
 
@@ -112,7 +110,7 @@ def searched(problem: Problem, base: Fit, rng: np.random.Generator) -> Fit:
     return search.fits[next(iter(search.passing()), max(search.fits, key=search.log_probability))]
 
 
-def _place(label: Any) -> tuple[float, str]:
+def _place(label: object) -> tuple[float, str]:
     """Order of labels: numbers by their size, before texts."""
     return (float(label), "") if isinstance(label, int | float) else (math.inf, str(label))
 
@@ -141,7 +139,8 @@ def _score(
     rows: dict[int, Row] = {}
     for held in folds:
         rest = [i for i in problem.all if i not in set(held)]
-        fits = [f for g in (before, after) if (f := problem.fit(g.mechanisms, g.named, rest, iterations=REFIT))]
+        # few iterations: each starts from the full fit
+        fits = [f for g in (before, after) if (f := problem.fit(g.mechanisms, g.named, rest, iterations=6))]
         if len(fits) < 2:
             return None
         rows |= _errors(problem, fits[0], fits[1], held, stops)

@@ -22,7 +22,6 @@ from jumpvision.engine.priors import prior_of
 from jumpvision.engine.system import Parameter
 
 TIMES = 3.0  # of the strength that shows: a rival from which such an effect is not told is a twin
-NONE = 1e-9  # share of a sensitivity squared that counts as nothing
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,8 @@ class Information:
         k = len(whole) - len(self.strengths)
         rest = whole[k:, k:] - whole[k:, :k] @ np.linalg.solve(whole[:k, :k], whole[:k, k:]) if k else whole
         size = np.diag(whole)[k:]
-        seen = np.diag(rest) > NONE * np.maximum(size, 1e-300)
+        # less of a sensitivity squared counts as nothing
+        seen = np.diag(rest) > 1e-9 * np.maximum(size, 1e-300)
         return np.where(np.outer(seen, seen), rest, 0.0)
 
     def beside(self, which: Sequence[int]) -> Array:

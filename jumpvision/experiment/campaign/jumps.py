@@ -6,10 +6,10 @@ import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
+from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError, read
 from jumpvision.engine.priors import Measured
 from jumpvision.experiment.inputs.experiment import Campaign, Experiment
@@ -187,7 +187,7 @@ def measurements(
     static force and its overshoots by intrusions, the spring by its own test, its damping by ring-downs without a
     motor. Several of a kind are averaged, what they share is not.
     """
-    found: dict[str, list[tuple[str, Measured, np.ndarray[Any, Any]]]] = {}
+    found: dict[str, list[tuple[str, Measured, Array]]] = {}
     for e in experiments:
         outcome = outcomes.get(e.name)
         if outcome is None or not outcome.made(Fits) or not _alike(e, robot, phi):
@@ -227,9 +227,7 @@ def _alike(e: Experiment, robot: Robot, phi: float | None) -> bool:
     return all(a is None or b is None or abs(a - b) <= ALIKE * abs(b) for a, b in pairs)
 
 
-def _read(
-    fits: Fits, names: Mapping[str, tuple[str, float]], source: str
-) -> tuple[Measured, np.ndarray[Any, Any]] | None:
+def _read(fits: Fits, names: Mapping[str, tuple[str, float]], source: str) -> tuple[Measured, Array] | None:
     """(what fits.json says of these parameters, its covariance that other experiments share); None where nothing."""
     have = {n: (e, unit) for n, (key, unit) in names.items() if (e := fits.get(key)) and e.sigma > 0.0}
     if not have:
@@ -249,7 +247,7 @@ def _read(
     return Measured(tuple(keys), value, correlation * np.outer(own, own) + shared, source), shared
 
 
-def _together(kind: str, seen: Sequence[tuple[str, Measured, np.ndarray[Any, Any]]]) -> Measured:
+def _together(kind: str, seen: Sequence[tuple[str, Measured, Array]]) -> Measured:
     """The mean of several measurements of the same parameters, its covariance widened where they scatter by more."""
     names = max((m.names for _, m, _ in seen), key=len)
     seen = [x for x in seen if x[1].names == names]

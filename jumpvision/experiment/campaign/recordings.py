@@ -21,8 +21,6 @@ from jumpvision.jumper.physics.forcing import Loop
 
 from .jumps import states_noise
 
-FINE = 4  # values of the motor's position a frame
-
 
 def recordings_of(campaign: Campaign, outcomes: Mapping[str, Outcome]) -> list[Recording]:
     """The tracks of a campaign's jumps as recordings of a simulator that is not ours.
@@ -46,7 +44,7 @@ def recordings_of(campaign: Campaign, outcomes: Mapping[str, Outcome]) -> list[R
                 forcing, stop = driver(log, law, motor, p or SimulateParams(), sand=e.ground == "granular")
             inputs["motor_stop_s"] = stop
             if not isinstance(forcing, Loop):
-                fine = np.linspace(t[0], t[-1], FINE * (t.size - 1) + 1)
+                fine = np.linspace(t[0], t[-1], 4 * (t.size - 1) + 1)  # four values of the motor's position a frame
                 inputs |= {"motor_time_s": fine, "motor_m": forcing(fine)[0]}
         labels: dict[str, str | float | None] = {"kind": law.kind if law else "logged_motion"}
         labels |= {"frequency": law.frequency, "delay": law.delay} if law else {}

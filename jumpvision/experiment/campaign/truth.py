@@ -7,9 +7,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from jumpvision.base.arrays import Z95, measured, plain_number, with_digits_of
+from jumpvision.base.schema import Toml
 from jumpvision.experiment.inputs.experiment import Campaign
 from jumpvision.experiment.inputs.sections import Bed, Robot
 from jumpvision.experiment.workflow.run import Outcome
@@ -38,7 +39,7 @@ class Quantity(NamedTuple):
 
     def of(self, summary: Summary) -> tuple[float | None, float | None]:
         """(value, standard uncertainty), None where unknown."""
-        known: Mapping[str, Any] = summary.values
+        known: Toml = summary.values
         return known.get(self.key), known.get(self.sigma) if self.sigma else None
 
 
@@ -104,7 +105,7 @@ class Truth:
     """What truth.json of a campaign states of its mechanisms. parameters: by name, SI units."""
 
     terms: tuple[str, ...]
-    parameters: Mapping[str, Any]
+    parameters: Toml
 
     @classmethod
     def of(cls, campaign: Campaign) -> Truth | None:
@@ -258,7 +259,7 @@ def details(campaign: Campaign, outcomes: Sequence[Outcome]) -> list[dict[str, s
     return rows
 
 
-def truth_of(folder: Path) -> Mapping[str, Any]:
+def truth_of(folder: Path) -> Toml:
     """truth.json of a synthetic folder, for showing beside the results only; {} for a recorded one."""
     file = folder / "truth.json"
     try:

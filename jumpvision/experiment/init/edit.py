@@ -12,7 +12,7 @@ from typing import Any
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
-from jumpvision.base.schema import InputError
+from jumpvision.base.schema import InputError, Toml
 from jumpvision.experiment.inputs.experiment import merged
 
 from .measure import Values
@@ -33,7 +33,7 @@ def edited(text: str, edits: Edits, where: str) -> str:
         for section, values in edits.items():
             for key, (value, why) in values.items():
                 out = _put(out, section, key, value, why)
-            table: Mapping[str, Any] = {key: value for key, (value, _) in values.items()}
+            table: Toml = {key: value for key, (value, _) in values.items()}
             wanted = merged(wanted, reduce(lambda inner, part: {part: inner}, reversed(section.split(".")), table))
         same = tomllib.loads(out) == wanted
     except (TOMLKitError, tomllib.TOMLDecodeError, TypeError):
@@ -45,7 +45,7 @@ def edited(text: str, edits: Edits, where: str) -> str:
     return out
 
 
-def _put(text: str, section: str, key: str, value: Any, why: str) -> str:
+def _put(text: str, section: str, key: str, value: object, why: str) -> str:
     document = tomlkit.parse(text)
     if replaced(document, section.split("."), key, value, why):
         return tomlkit.dumps(document)
@@ -53,7 +53,7 @@ def _put(text: str, section: str, key: str, value: Any, why: str) -> str:
     return "\n".join(_with(text.split("\n"), section, line_of(key, value, why), key))
 
 
-def replaced(table: Any, path: list[str], key: str, value: Any, why: str) -> bool:
+def replaced(table: Any, path: list[str], key: str, value: object, why: str) -> bool:
     """Put a value in the place of one that is there, however it is written; False where there is none."""
     for part in path:
         if part not in table:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from jumpvision.base.schema import InputError
+from jumpvision.base.schema import InputError, Toml
 from jumpvision.experiment.inputs.sections import PHASES
 from jumpvision.films.calibration import CLICKED_MARK
 from jumpvision.films.vision.camera import UP, marks_share
@@ -190,7 +189,7 @@ def law(name: str, log: Path | None) -> Values:
     return values
 
 
-def picks_of(table: Mapping[str, Any]) -> Picks:
+def picks_of(table: Toml) -> Picks:
     """Picks from the page's JSON. InputError for what is no number."""
     known = Picks.__dataclass_fields__
     out: dict[str, Any] = {}

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from jumpvision.base.arrays import Image
 from jumpvision.base.schema import InputError
 from jumpvision.experiment.inputs.channels import READERS as CHANNELS
 from jumpvision.films.frames import Film, FrameError, open_frames
@@ -34,7 +35,6 @@ FIELDS = (".nc", ".mat")
 TABLES = (".xls", ".xlsx", ".ods", ".lvm", ".dat")
 IGNORED = ("", ".toml", ".json", ".md", ".cih", ".cihx", ".py", ".ipynb", ".html", ".pdf", ".docx")
 GUESSED = "guessed from what it shows: write another section if it is something else"
-SHOWN = 12  # channels named in a message
 ANY_RATE = 1.0  # Hz, to open pictures that carry no clock
 
 
@@ -142,7 +142,8 @@ def _channels(path: Path, name: str) -> Recording:
         return Recording(section, name, f"channels {', '.join(names)}")
     raise InputError(
         [
-            f"its channels are {', '.join(names[:SHOWN])}; known: {_headers()}; name them in its section, for example "
+            # channels named in a message
+            f"its channels are {', '.join(names[:12])}; known: {_headers()}; name them in its section, for example "
             f"columns.time_s = '{names[0] if names else 't'}' (docs/bring_your_own_data.md)"
         ]
     )
@@ -187,7 +188,6 @@ def opened(path: Path) -> tuple[Film, bool]:
 
 
 LOOKED, FEWEST, MOST = 24, 6, 0.25  # frames looked at for a moving ball, least, share of them it must be seen in
-CHANGED, MOVING = 0.15, 0.05  # of the scene's range of grey; share of the pixels that a ball may change so much
 
 
 def _film(path: Path, name: str, section: str | None) -> Recording:
@@ -247,7 +247,8 @@ def moving_ball(film: Film) -> tuple[int, str, float, float, float] | None:
         return None
     scene = still_scene(head)
     grey = float(np.ptp(np.percentile(scene, (0.1, 99.9))))
-    if np.mean([np.abs(f - scene) > CHANGED * grey for f in head[:: len(head) // FEWEST]]) > MOVING:
+    # more than 5 % of the pixels change by more than 15 % of the range of grey: no ball does so
+    if np.mean([np.abs(f - scene) > 0.15 * grey for f in head[:: len(head) // FEWEST]]) > 0.05:
         return None  # the scene itself moves: grains
     for polarity in ("bright", "dark"):
         found = moving_paths(head, scene, None, polarity, MIN_DIAMETER)
@@ -257,7 +258,7 @@ def moving_ball(film: Film) -> tuple[int, str, float, float, float] | None:
     return None
 
 
-def ball(first: Any, seed: tuple[float, float] | None = None) -> tuple[str, float, float, float] | None:
+def ball(first: Image, seed: tuple[float, float] | None = None) -> tuple[str, float, float, float] | None:
     """(polarity, column, row, diameter [px]) of the one ball in a picture, or None."""
     from jumpvision.films.vision.ball.track import track_ball
 

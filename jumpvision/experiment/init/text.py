@@ -106,13 +106,13 @@ def _section(name: str, values: Values, keys: Sequence[str], *, facts: Sequence[
 WIDTH = 32  # columns before a comment
 
 
-def line_of(key: str, value: Any, why: str) -> str:
+def line_of(key: str, value: object, why: str) -> str:
     """A key with its value and, where there is something to say, why it has that."""
     made = item_of(key, value, why)
     return f"{key} = {made.as_string()}{made.trivia.comment_ws}{made.trivia.comment}"
 
 
-def item_of(key: str, value: Any, why: str) -> Item:
+def item_of(key: str, value: object, why: str) -> Item:
     """The value for a TOML document, its comment in the column of all."""
     made = tomlkit.item(value)
     if why:

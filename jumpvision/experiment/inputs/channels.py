@@ -6,13 +6,17 @@ import zlib
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import AnyArray
 from jumpvision.base.schema import InputError
+
+if TYPE_CHECKING:
+    import h5py
+    from nptdms import TdmsChannel
 
 DEEPEST, MOST = 16, 10_000  # groups within groups, channels of a file
 UNPACKED = 1e9  # bytes of a log in memory, when it is decompressed
@@ -26,7 +30,7 @@ class Channel:
     name: str
     values: AnyArray
     unit: str = ""
-    clock: NDArray[np.floating[Any]] | None = None
+    clock: NDArray[np.floating] | None = None
 
 
 class Held(NamedTuple):
@@ -61,7 +65,7 @@ def tdms(path: Path, asked: Collection[str]) -> Held:
         raise InputError([f"{path}: not a TDMS file, or damaged ({e}); copy it again"]) from None
 
 
-def _of_tdms(name: str, channel: Any) -> Channel:
+def _of_tdms(name: str, channel: TdmsChannel) -> Channel:
     values, told = np.asarray(channel[:]), channel.properties
     if values.dtype.kind == "M":  # dates: time since the first
         values = (values - values[:1]) / np.timedelta64(1, "us") * 1e-6
@@ -112,7 +116,7 @@ def _unpacked(path: Path) -> float:
     return total
 
 
-def _vectors(name: str, value: Any) -> Iterator[tuple[str, AnyArray]]:
+def _vectors(name: str, value: object) -> Iterator[tuple[str, AnyArray]]:
     """Leaves of nested structs that are vectors, or matrices column by column."""
     if isinstance(value, dict):
         for key, inner in value.items():
@@ -127,7 +131,7 @@ def _vectors(name: str, value: Any) -> Iterator[tuple[str, AnyArray]]:
         yield from ((f"{name}(:,{k})", column) for k, column in enumerate(array.T, 1))
 
 
-def _gather(group: Any, h5py: Any, sets: list[Any], path: Path, depth: int = 0) -> None:
+def _gather(group: Any, h5py: Any, sets: list[h5py.Dataset], path: Path, depth: int = 0) -> None:
     """The datasets below a group, by its own links alone; such that lead in a circle end at DEEPEST."""
     if depth > DEEPEST or len(sets) > MOST:
         raise InputError([f"{path}: more than {DEEPEST} groups deep or {MOST} channels: damaged; save it again"])
@@ -151,7 +155,7 @@ def _modern(path: Path) -> Iterator[tuple[str, AnyArray]]:
         ) from e
     from jumpvision.films.frames.arrays import elsewhere
 
-    sets: list[Any] = []
+    sets: list[h5py.Dataset] = []
     with h5py.File(path, "r") as file:
         _gather(file, h5py, sets, path)
         plain = [d for d in sets if d.dtype.kind in "biuf" and not d.name.startswith("/#")]

@@ -299,7 +299,7 @@ _HEADER = {f.name for f in fields(Header)}
 SCHEMA = 1
 
 
-def _other_schema(number: Any) -> str:
+def _other_schema(number: object) -> str:
     """What to do about a folder of another format, "" for the present one (other types are refused with the rest)."""
     if isinstance(number, bool) or not isinstance(number, int) or number == SCHEMA:
         return ""

@@ -70,7 +70,7 @@ def _built(tables: str) -> tuple[Mechanism, ...]:
     return tuple(read_own(json.loads(tables), "[mechanism]")[0].values())
 
 
-def own_of(table: Any, where: str, file: Path | None = None) -> tuple[dict[str, Mechanism], list[str]]:
+def own_of(table: object, where: str, file: Path | None = None) -> tuple[dict[str, Mechanism], list[str]]:
     """(mechanisms by name, problems) of the [mechanism.*] tables. file: where they stand, for the line's number."""
     from jumpvision.jumper.mechanisms.own import read_own
 

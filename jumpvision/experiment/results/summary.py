@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 from jumpvision.base.record import Record, plain
+from jumpvision.base.schema import Toml
 from jumpvision.experiment import files
 
 Cell = str | float | int | None
@@ -77,7 +78,7 @@ class Summary(Record):
         return out
 
     @classmethod
-    def of(cls, values: Mapping[str, Any]) -> Self:
+    def of(cls, values: Toml) -> Self:
         """From what a file holds."""
         read: dict[str, Any] = {}
         for name, keys in KEYS.items():

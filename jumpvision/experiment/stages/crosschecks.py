@@ -34,13 +34,9 @@ from .rod import commanded, position_at, total_mass
 
 FEWEST = 20  # samples of a recording
 SHORTEST = 0.03  # s: shorter flights of a track are not compared
-GAP = 0.05  # s without a sample of a track, over which a flight is not followed
-ENOUGH = 0.1  # share of the record in flight, from which it is not asked whether it is upside down
-DEBOUNCE = 0.005  # s of a switch
 AGREE = 5.0  # sigmas, and
 SHARE = 0.05  # of a flight's time, by which two flights may differ: a foot leaves later than its spring is slack
 MOST = 0.5  # share of the time in flight which the contact log, if it is right, calls flight: far less than it does
-ALIKE = 0.8  # correlation from which a log is the law's motion, or its negative
 
 
 @dataclass(frozen=True)
@@ -64,7 +60,7 @@ class Motion:
         sigma = np.full(t.size, noise_of(h)) if self.sigma is None else self.sigma[good]
         step = float(np.median(np.diff(t)))
         rows: list[tuple[float, ...]] = []
-        for a, b in pieces(t, GAP):
+        for a, b in pieces(t, 0.05):  # a flight is not followed over 0.05 s without a sample
             if b - a < FEWEST or np.ptp(h[a:b]) == 0.0:
                 continue
             found = stretches(t[a:b], h[a:b], sigma[a:b], gravity=self.gravity)
@@ -128,7 +124,7 @@ def repeated(experiments: Iterable[Experiment]) -> Iterator[Doubt]:
 def upright(name: str, motion: Motion, found: Flights) -> Iterator[Doubt]:
     """In free flight a track that points up is accelerated by -g, one that points down by +g."""
     up = _lasting(found)
-    if up > ENOUGH * motion.span:
+    if up > 0.1 * motion.span:  # so much in flight, and it is not upside down
         return
     down = _lasting(motion.flights(upside_down=True))
     if down > SHORTEST and down > 2.0 * up:
@@ -160,7 +156,7 @@ def contact(name: str, motion: Motion, found: Flights, t: Array, touches: Array)
     whole = np.flatnonzero(np.isfinite(found.time) & (found.lift_off >= t[0]) & (found.landing <= t[-1]))
     if not whole.size:
         return
-    said = contact_flights(t, touches, debounce=DEBOUNCE)
+    said = contact_flights(t, touches, debounce=0.005)  # s for which a switch may bounce
     inside = _within(t, found)
     air = touches == 0.0
     flying, standing = float(air[inside].mean()), float(air[~inside].mean()) if (~inside).any() else math.nan
@@ -228,7 +224,7 @@ def driven(law: Actuation, t: Array, x: Array) -> Iterator[Doubt]:
     if moving.sum() < 8 or np.ptp(asked[moving]) == 0.0 or np.ptp(x[moving]) == 0.0:
         return
     alike = float(np.corrcoef(asked[moving], x[moving])[0, 1])
-    if alike < -ALIKE:
+    if alike < -0.8:  # correlation from which a log is the law's motion, or its negative
         yield Doubt(
             "motor log negated",
             f"[motor_log] position_m is the negative of the law of [actuation] (correlation {alike:.2f}): position is "

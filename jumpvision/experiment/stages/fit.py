@@ -274,9 +274,6 @@ def theory(phi: float, p: FitParams) -> dict[str, Estimate]:
     }
 
 
-HOPPING, HOP = 10, 0.1  # steps, s: how far the start of the ring-down is moved past hops too short to be seen
-
-
 def ring_fits(
     rod: RodMotion,
     flights: Flights | None,
@@ -300,7 +297,7 @@ def ring_fits(
     start += p.settle
     mass, k = total_mass(robot), robot.spring_stiffness if robot else None
     limit = lift_off_amplitude(k, mass, robot.gravity) if robot and k and mass else None
-    for _ in range(HOPPING):
+    for _ in range(10):  # within a second
         ringing = t >= start
         if ringing.any():
             ringing &= t <= t[ringing][swings_until(h[ringing], sigma[ringing]) - 1]
@@ -309,7 +306,7 @@ def ring_fits(
         ring = ring_down(t[ringing], h[ringing], sigma[ringing])
         if ring.reason or limit is None or ring.amplitude <= limit:
             break
-        start += HOP  # the spring would be stretched in every period: hops too short to be seen
+        start += 0.1  # the spring would be stretched in every period: hops too short to be seen
     if not ring.reason and limit is not None and ring.amplitude > limit:
         reason = f"amplitude {ring.amplitude:.2g} m above M g/k = {limit:.2g} m: still hopping"
         return {"zeta": Estimate(NAN, NAN, "", ring.n, ring.chi2, reason)}

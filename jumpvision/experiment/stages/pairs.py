@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import warnings
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,6 @@ from jumpvision.films.frames import Film, FrameError, open_frames
 from jumpvision.films.frames.names import numbering
 from jumpvision.films.frames.pictures import ImageFilm
 
-EVEN = 0.5  # of the time between frames: a larger gap is a frame that is missing
 MARKS = (re.compile(r"(?<![a-z])[ab](?![a-z])"), re.compile(r"(?<![0-9])[12](?![0-9])"))  # of the two exposures
 
 
@@ -51,7 +49,7 @@ class InPairs(Film):
                 "the pairs"
             )
 
-    def _read(self, i: int) -> NDArray[Any]:
+    def _read(self, i: int) -> NDArray[np.generic]:
         return self._film[int(self.order[i])]
 
     def close(self) -> None:
@@ -61,7 +59,8 @@ class InPairs(Film):
 def by_order(film: Film) -> NDArray[np.int64]:
     """Frames 0 and 1, 2 and 3, ... Raises FrameError where one is missing: all later pairs would be torn."""
     steps = np.diff(film.time)
-    gap = np.flatnonzero(steps > (1.0 + EVEN) * np.median(steps)) if steps.size else np.arange(0)
+    # a gap of more than 1.5 times the time between frames is a frame that is missing
+    gap = np.flatnonzero(steps > 1.5 * np.median(steps)) if steps.size else np.arange(0)
     if film.time_source == "declared" and gap.size:
         raise FrameError(
             f"{film.path}: a frame is missing after frame {gap[0]}, so their order does not tell the pairs; give "

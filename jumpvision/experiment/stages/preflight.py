@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
@@ -39,6 +39,7 @@ from jumpvision.experiment.inputs.sections import (
     need,
 )
 from jumpvision.experiment.workflow.stage import StageWarning
+from jumpvision.films.frames import Film
 from jumpvision.films.frames.decoding import open_video
 from jumpvision.films.frames.opening import READERS
 
@@ -48,11 +49,11 @@ from .recordings import NOWHERE, bare_view, in_pixels, open_film, open_pictures
 from .rod import from_table, other_spring, read_motor, total_mass
 from .spring import read_spring
 
-WHOLE = 50e6  # bytes up to which a film in a container is decoded here, as a run does to count its frames
-SAG = 0.25  # m, of the spring under the robot's weight
 THOUSAND = 300.0, 3000.0  # ratios that a wrong prefix makes
 FAR = 3.0  # factor of a size beyond which it is none of the sought thing
 LONGEST = 5.0  # m, of what a film or a log of a jump shows
+
+Read = TypeVar("Read")
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ class Found:
     track: tuple[Array, ...] | None = None  # time [s], height, sigma [m]
     contact: tuple[Array, Array] | None = None  # time [s], 0 or 1
 
-    def ask(self, read: Callable[[], Any]) -> Any:
+    def ask(self, read: Callable[[], Read]) -> Read | None:
         """What `read` gives; None where it finds a problem."""
         try:
             with warnings.catch_warnings(record=True) as caught:
@@ -134,10 +135,11 @@ def _films(e: Experiment, found: Found) -> None:
                 found.films[section.name] = seen
 
 
-def _head(section: Any, opened: Callable[..., Any]) -> Picture:
+def _head(section: RodVideo | GrainVideo | BedImage | CraterImage, opened: Callable[..., Film]) -> Picture:
     path = section.path
     container = READERS.get(path.suffix.lower(), ("", ""))[0] == "video"
-    if container and path.is_file() and path.stat().st_size > WHOLE:
+    # a smaller film [bytes] in a container is decoded here, as a run does to count its frames
+    if container and path.is_file() and path.stat().st_size > 50e6:
         film, stream = open_video(path, "SLICE")
         with film:
             return Picture((stream.codec_context.height, stream.codec_context.width), None, None)
@@ -185,7 +187,7 @@ def _sizes(e: Experiment, found: Found) -> Iterator[str]:
         yield f"[robot] {name} = {value:g} kg: more than a jumping robot weighs; in grams? then give {value / 1e3:g}"
     if robot and robot.spring_stiffness and mass and not heavy:
         sag = mass * robot.gravity / robot.spring_stiffness
-        if sag > SAG:
+        if sag > 0.25:  # m: no spring gives so far under the robot's weight
             yield (
                 f"[robot] spring_stiffness = {robot.spring_stiffness:g} N/m: the robot's weight would press it by "
                 f"{sag:.3g} m; in N/mm? then give {1e3 * robot.spring_stiffness:g}"

@@ -7,12 +7,12 @@ import math
 import warnings
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Image
 from jumpvision.estimate.estimate import Estimate
 from jumpvision.experiment.inputs.experiment import Experiment
 from jumpvision.experiment.inputs.sections import (
@@ -35,7 +35,7 @@ from .pairs import in_pairs
 SCALE_OF_PIXELS = 1.0  # m/px, where only the lens is undone
 
 
-def open_film(section: RodVideo | GrainVideo, seen: Callable[[NDArray[np.generic]], None] | None = None) -> Film:
+def open_film(section: RodVideo | GrainVideo, seen: Callable[[Image], None] | None = None) -> Film:
     """The film of a section on the common clock; FrameError when frames are lost and `truncated` does not accept it.
 
     seen: see `open_frames`.
@@ -81,7 +81,7 @@ def slots(time: NDArray[np.float64], rate: float) -> NDArray[np.float64]:
     """Number of each frame among those of an even rate, the first 0, from times [s] (n >= 2,), rounded or not.
 
     The rate is the declared one [Hz], or another at which the film was saved for playing; where no even rate explains
-    the times within a third of a step or ROUNDED, fractions of the median step.
+    the times within a third of a step or 1.01 ms, fractions of the median step.
     """
     number = np.rint(time * rate)
     if np.median(np.diff(number)) == 1.0 and _explains(number, time, 1.0 / rate):
@@ -91,12 +91,10 @@ def slots(time: NDArray[np.float64], rate: float) -> NDArray[np.float64]:
     return number if _explains(number, time, step) else time / step
 
 
-ROUNDED = 1.01e-3  # s: Matroska keeps whole milliseconds
-
-
 def _explains(number: NDArray[np.float64], time: NDArray[np.float64], step: float) -> bool:
     line = np.polynomial.Polynomial.fit(number, time, 1)
-    return bool((np.diff(number) >= 1).all() and np.abs(time - line(number)).max() < max(step / 3.0, ROUNDED))
+    # Matroska keeps whole milliseconds
+    return bool((np.diff(number) >= 1).all() and np.abs(time - line(number)).max() < max(step / 3.0, 1.01e-3))
 
 
 class StraightFilm(Film):
@@ -106,7 +104,7 @@ class StraightFilm(Film):
         self.__dict__.update(film.__dict__)  # its clock, shape, warnings and meta are those of the film
         self._film, self._map = film, straight_map(view, film.shape, scale)
 
-    def _read(self, i: int) -> NDArray[Any]:
+    def _read(self, i: int) -> Image:
         import cv2
 
         return np.asarray(cv2.remap(self._film[i], *self._map, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
@@ -124,7 +122,7 @@ class Region(Film):
         self._film, self._part = film, (slice(top, bottom + 1), slice(left, right + 1))
         self.shape = (bottom + 1 - top, right + 1 - left)
 
-    def _read(self, i: int) -> NDArray[Any]:
+    def _read(self, i: int) -> Image:
         return self._film[i][self._part].copy()
 
     def close(self) -> None:
@@ -183,7 +181,6 @@ def open_pictures(section: BedImage | CraterImage) -> Film:
 
 
 Filmed = RodVideo | BedImage | CraterImage | GrainVideo
-LARGEST_MISS = 2.0  # px rms of the marks, beyond which a wrong mark is more likely than a careless click
 
 
 def in_pixels(film: RodVideo, calibration: Calibration | None) -> bool:
@@ -194,7 +191,7 @@ def in_pixels(film: RodVideo, calibration: Calibration | None) -> bool:
 def view_of(calibration: Calibration | None, section: Filmed, shape: tuple[int, int]) -> Camera:
     """The camera; the distortion centre defaults to the image centre, the rail's tilt is that of the rod film alone."""
     view = bare_view(calibration, section, ((shape[1] - 1) / 2, (shape[0] - 1) / 2))
-    if view.residual_px > LARGEST_MISS:
+    if view.residual_px > 2.0:  # px rms: beyond, a wrong mark is more likely than a careless click
         warnings.warn(
             f"[calibration] marks miss their places in [{section.name}] by {view.residual_px:.1f} px rms: check them",
             StageWarning,

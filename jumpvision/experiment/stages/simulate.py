@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from jumpvision.base.parameters import of_keywords
 from jumpvision.base.schema import InputError
@@ -32,7 +33,6 @@ from .rod import commanded, read_motor
 
 TICK = 1e-3  # s, spacing of the output where no track gives the times
 AROUND = np.linspace(-1.0, 10.0, 12)  # s, of a recording, where a clock's error is looked for
-AFTER = 1.0  # s, simulated beyond the motor's stop where no track says how long
 
 
 @stage(version=9, any_of=("log", "law"))
@@ -174,7 +174,7 @@ def feedback(command: Forcing, law: Actuation, motor: Motor) -> Loop:
         raise InputError([f"[motor]: {e}"]) from None
 
 
-def of_arrays(tables: Any, time_s: Any = None, motor_m: Any = None) -> pd.DataFrame:
+def of_arrays(tables: Any, time_s: ArrayLike | None = None, motor_m: Any = None) -> pd.DataFrame:
     """The motion of a model that tables describe, as experiment.toml would: robot, model, ground, and bed where needed.
 
     time_s (n,) [s] increasing and motor_m (n,) [m]: where the motor is, along the rod; without them the law of the
@@ -214,8 +214,8 @@ def last_motion(time: np.ndarray, position: np.ndarray, p: SimulateParams) -> fl
 
 
 def output_times(forcing: Forcing | Loop, stop: float, rod: RodMotion | None, *, lead: float) -> np.ndarray:
-    """Equal steps from `lead` seconds before the forcing to the end of the track (or AFTER beyond the motor's stop)."""
-    first, last = forcing.start - lead, stop + AFTER
+    """Equal steps from `lead` seconds before the forcing to the end of the track (or 1 s beyond the motor's stop)."""
+    first, last = forcing.start - lead, stop + 1.0
     if rod is not None:
         time = rod.arrays[0]
         first, last = min(first, float(time[0])), max(float(time[-1]), stop)

@@ -28,7 +28,6 @@ from jumpvision.films.vision.fields import INTERLACED, order_of
 
 from .recordings import SCALE_OF_PIXELS, height_share, in_pixels, open_film, other_lens, view_of, with_common
 
-LOST = 0.1  # share of frames, from which the film is asked whether it is interlaced
 SAY_FROM = 3.0  # sigma: smaller shifts by the exposure, left in a frame beside a gap, are not worth a warning
 
 
@@ -68,7 +67,8 @@ def from_film(
         tracks, view = balls.tracks(frames), view_of(calibration, film, frames.shape)
         if film.fields != "together":
             tracks = [replace(ball, sigma=ball.sigma * FIELD_OF_FRAME.value) for ball in tracks]
-        elif np.mean(tracks[0].flag != "") > LOST and (order := order_of(frames)):
+        # with a tenth of the frames lost, the film is asked whether it is interlaced
+        elif np.mean(tracks[0].flag != "") > 0.1 and (order := order_of(frames)):
             warnings.warn(INTERLACED.format("[rod_video] fields", order), StageWarning, stacklevel=2)
         other, exposure = other_lens(calibration, film, frames.shape), balls.exposure(frames)
         time = frames.time + exposure / 2
@@ -191,9 +191,6 @@ def with_rest_zero(motion: pd.DataFrame, actuation: Actuation | None) -> pd.Data
     return motion.assign(**{c: motion[c] - zero for c, zero in zeros.items()})
 
 
-RATES_ALIKE = 0.1  # relative difference of declared and recorded rate that a streak fit starts well with
-
-
 class BallFilm:
     """Give `see` to `open_film` where `ready`, then ask for the `tracks` of the film."""
 
@@ -216,7 +213,8 @@ class BallFilm:
         settings, seen = self.settings(frames.shape, self.exposure(frames), rate), self.follower
         if seen is not None and frames.shown:
             guess, fraction = seen.settings, settings.exposure_fraction
-            near = abs(guess.exposure_fraction - fraction) <= RATES_ALIKE * fraction
+            # a streak fit starts well from a rate that differs by a tenth
+            near = abs(guess.exposure_fraction - fraction) <= 0.1 * fraction
             if near and replace(guess, exposure_fraction=fraction) == settings:
                 return seen.finish(frames)
         return track_film(frames, settings, scene=self.scene, markers=self.markers)

@@ -11,10 +11,10 @@ import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import TypedDict
 
 from jumpvision.base.record import plain
-from jumpvision.base.schema import InputError
+from jumpvision.base.schema import InputError, Toml
 from jumpvision.base.storage import sha256, write_aside
 from jumpvision.experiment import files
 from jumpvision.experiment.inputs.sections import Header
@@ -32,7 +32,7 @@ class Made(TypedDict):
     versions: Mapping[str, str]
 
 
-def read_provenance(results: Path) -> Mapping[str, Any]:
+def read_provenance(results: Path) -> Toml:
     """What the last run wrote; {} where there is none that can be read."""
     try:
         found = json.loads((results / files.PROVENANCE).read_text(encoding="utf-8"))
@@ -71,7 +71,7 @@ def digest_of_results(results: Path) -> str:
     return hashlib.sha256(json.dumps(files, sort_keys=True).encode()).hexdigest()
 
 
-def _still_valid(workspace: Workspace, before: Mapping[str, Any]) -> Iterator[tuple[str, Made]]:
+def _still_valid(workspace: Workspace, before: Toml) -> Iterator[tuple[str, Made]]:
     """Stages of earlier runs, not of this one, whose results are those of the folder as it is."""
     here = {s.stage for s in workspace.steps}
     common = {p: v for p, v in before.get("versions", {}).items() if p != "stages"}
@@ -87,7 +87,7 @@ def _still_valid(workspace: Workspace, before: Mapping[str, Any]) -> Iterator[tu
             yield stage.name, {"key": made["key"], "files": made["files"], "versions": {**common, **made["versions"]}}
 
 
-def _withdraw(workspace: Workspace, before: Mapping[str, Any], still: set[str]) -> list[str]:
+def _withdraw(workspace: Workspace, before: Toml, still: set[str]) -> list[str]:
     """Remove results of earlier runs that are none of these inputs; what somebody has changed stays, with a warning."""
     ours = workspace.outputs.keys() | still
     owners = {o.file: s.name for o, s in STAGES.items() if hasattr(o, "file")}
@@ -131,9 +131,7 @@ def _in_cache(stage: Path, name: str, file: Path) -> bool:
     return bool(known) and sha256(file) in known
 
 
-def _content(
-    workspace: Workspace, before: Mapping[str, Any], still: Mapping[str, Made], command: str
-) -> Mapping[str, object]:
+def _content(workspace: Workspace, before: Toml, still: Mapping[str, Made], command: str) -> Mapping[str, object]:
     """The content of provenance.json."""
     stages = {s.name: s for s in STAGES.values()}
     made: Mapping[str, Made] = {

@@ -44,7 +44,7 @@ class Stage:
     """A registered stage; calling it calls the function."""
 
     name: str
-    function: Callable[..., Any]
+    function: Callable[..., Record | None]
     version: int
     inputs: tuple[Input, ...]
     output: type[Record]
@@ -53,7 +53,7 @@ class Stage:
     picture: bool = False  # a figure drawn from records, not a result that others need
     gathered: Mapping[str, type[Inputs]] = field(default_factory=dict, hash=False)  # arguments of several inputs each
 
-    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+    def __call__(self, *args: object, **kwargs: object) -> Any:
         return self.function(*args, **kwargs)
 
     def called_with(self, values: Mapping[str, object]) -> Record | None:
@@ -75,13 +75,13 @@ STAGES: dict[type, Stage] = {}  # by output type
 
 def stage(
     *, version: int, any_of: tuple[str, ...] = (), picture: bool = False
-) -> Callable[[Callable[..., Any]], Stage]:
+) -> Callable[[Callable[..., Record | None]], Stage]:
     """Register a function as a stage. any_of: names of inputs of which at least one must be there.
 
     The first paragraph of its docstring is its help, for the command line, notebooks and the docs.
     """
 
-    def register(function: Callable[..., Any]) -> Stage:
+    def register(function: Callable[..., Record | None]) -> Stage:
         hints = get_type_hints(function)
         arguments = {n: hints[n] for n in inspect.signature(function).parameters if n != "p"}
         gathered = {n: h for n, h in arguments.items() if isinstance(h, type) and issubclass(h, Inputs)}

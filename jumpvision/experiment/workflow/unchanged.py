@@ -10,11 +10,10 @@ import functools
 import hashlib
 import os
 import time
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import jumpvision
+from jumpvision.base.schema import Toml
 from jumpvision.base.storage import NOTES, memories, memory, recall, recording_files, remember, settled, sha256, stamp
 from jumpvision.experiment.files import PROVENANCE
 
@@ -40,7 +39,7 @@ def key_of(*asked: object) -> str:
     return hashlib.sha256(repr((_code(), *asked)).encode()).hexdigest()
 
 
-def note(workspace: Workspace, key: str, told: Mapping[str, Any]) -> None:
+def note(workspace: Workspace, key: str, told: Toml) -> None:
     """Note what became of an experiment whose results lie there whole."""
     results, at = workspace.results, time.time()  # before the first look at a file
     receipt = results / PROVENANCE
@@ -57,7 +56,7 @@ def note(workspace: Workspace, key: str, told: Mapping[str, Any]) -> None:
     os.utime(memory(workspace.cache, NOTES, results), (at, at))
 
 
-def noted(cache: Path, results: Path, key: str) -> Mapping[str, Any] | None:
+def noted(cache: Path, results: Path, key: str) -> Toml | None:
     """What became of an experiment, if all is as it was noted; else None."""
     place, now = memory(cache, NOTES, results), time.time()
     try:
@@ -70,7 +69,7 @@ def noted(cache: Path, results: Path, key: str) -> Mapping[str, Any] | None:
         return None
 
 
-def _same(found: Mapping[str, Any], results: Path, at: float) -> bool:
+def _same(found: Toml, results: Path, at: float) -> bool:
     """Whether no file came, went or changed since a time [s since 1970]: by dates, and what was new then by content;
     entries of the cache by dates alone, as they are checked whenever they are read."""
     if not set(found["foreign"]).isdisjoint(os.listdir(results)):

@@ -18,7 +18,12 @@ from jumpvision.films.vision.saturation import saturation_of
 
 
 def crater(
-    picture: ArrayLike, *, scale: float, laser_angle: float | None = None, axis: Any = None, **parameters: Any
+    picture: ArrayLike,
+    *,
+    scale: float,
+    laser_angle: float | None = None,
+    axis: Any = None,
+    **parameters: Any,
 ) -> pd.Series:
     """Volume change of a crater, negative where the bed was compacted, from a map of heights or a laser line.
 

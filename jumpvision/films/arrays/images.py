@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-CONTRAST = 32.0  # grey: standard deviation that decimals are brought to (by a power of 2, so that no digit is lost)
-APART = 16.0  # times their contrast: decimals farther from 0 are moved to it, so that float32 holds them
+from jumpvision.base.arrays import Image
 
 
-def grey_images(name: str, frames: Any) -> list[NDArray[Any]]:
+def grey_images(name: str, frames: Any) -> list[Image]:
     """Images (H, W) of a stack (n, H, W) or a sequence, masked arrays as they are; uint8, uint16 or floats.
 
     bool becomes 0 and 1 as decimals, other whole numbers float32 or, where that loses digits, float64; the order of
@@ -26,7 +25,7 @@ def grey_images(name: str, frames: Any) -> list[NDArray[Any]]:
     return images
 
 
-def as_grey(name: str, frame: Any, k: int = 0) -> NDArray[Any]:
+def as_grey(name: str, frame: Any, k: int = 0) -> Image:
     """One of `grey_images`."""
     image = np.ma.asarray(frame) if np.ma.isMaskedArray(frame) else np.asarray(frame)
     if image.ndim != 2 or not image.size:
@@ -41,13 +40,13 @@ def as_grey(name: str, frame: Any, k: int = 0) -> NDArray[Any]:
     return image.astype(np.float64 if wide else np.float32, copy=False)
 
 
-def usable_pixels(images: Sequence[NDArray[Any]]) -> list[NDArray[np.bool_]] | None:
+def usable_pixels(images: Sequence[Image]) -> list[NDArray[np.bool_]] | None:
     """Of each image the pixels that are neither masked nor infinite or NaN; None where all are."""
     out = [np.isfinite(np.ma.getdata(i)) & ~np.ma.getmaskarray(i) for i in images]
     return None if all(u.all() for u in out) else out
 
 
-def only_numbers(name: str, images: Sequence[NDArray[Any]]) -> list[NDArray[Any]]:
+def only_numbers(name: str, images: Sequence[Image]) -> list[Image]:
     """The images, for what reads every pixel: ValueError names the frame where pixels are masked, infinite or NaN."""
     for k, usable in enumerate(usable_pixels(images) or ()):
         if not usable.all():
@@ -59,7 +58,7 @@ def only_numbers(name: str, images: Sequence[NDArray[Any]]) -> list[NDArray[Any]
     return [np.ma.getdata(i) for i in images]
 
 
-def in_grey(images: Sequence[NDArray[Any]]) -> list[NDArray[Any]]:
+def in_grey(images: Sequence[Image]) -> list[Image]:
     """Decimals as grey values of a usual contrast, so that no result depends on gain and offset; uint8 and uint16 as
     they are. One factor and one offset for all, from the first image."""
     first = np.asarray(np.ma.getdata(images[0]), np.float64)
@@ -69,16 +68,18 @@ def in_grey(images: Sequence[NDArray[Any]]) -> list[NDArray[Any]]:
     spread = float(known.std()) if known.size else 0.0
     if not 0.0 < spread < math.inf:
         return [np.ma.getdata(i) for i in images]
-    factor = 2.0 ** round(math.log2(CONTRAST / spread))
+    # decimals are brought to a standard deviation of about 32 grey, by a power of 2, so that no digit is lost
+    factor = 2.0 ** round(math.log2(32.0 / spread))
     low = float(known.min())
-    offset = low if low < 0.0 or low > APART * spread else 0.0
+    # decimals farther from 0 than 16 times their contrast are moved to it, so that float32 holds them
+    offset = low if low < 0.0 or low > 16.0 * spread else 0.0
     if factor == 1.0 and offset == 0.0:
         return [np.ma.getdata(i) for i in images]
     with np.errstate(invalid="ignore", over="ignore"):
         return [((np.asarray(np.ma.getdata(i), np.float64) - offset) * factor).astype(np.float32) for i in images]
 
 
-def scale_problem(name: str, scale: Any) -> str:
+def scale_problem(name: str, scale: object) -> str:
     """What is wrong with a scale [m/px]; "" where nothing is."""
     if scale is None or (isinstance(scale, int | float) and not isinstance(scale, bool) and 0.0 < scale <= COARSEST):
         return ""

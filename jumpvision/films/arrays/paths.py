@@ -20,8 +20,6 @@ from jumpvision.films.grains.paths import NO_FOOT, REASONS, Carried, Grid, Step,
 from jumpvision.films.grains.steady import Velocities
 from jumpvision.films.parameters import PathsParams
 
-LEAST_VECTORS = 4  # vectors along an axis
-
 
 def paths(field: xr.Dataset, *, spacing: float = 16.0, **parameters: Any) -> pd.DataFrame:
     """Paths through the fields of a stack of evenly timed frames, as `jv.piv(frames)` gives them (t, y, x).
@@ -49,10 +47,8 @@ def through(
     spans = chain(spans_of(data.t.values, grid, times), p.start)
     length = grid.scale_m_per_px if grid.metric else 1.0
     places = Grid(np.sort(data.x.values), np.sort(data.y.values), grid.window_px * length)
-    if min(data.sizes["x"], data.sizes["y"]) < LEAST_VECTORS:
-        raise NotApplicable(
-            [f"paths: {data.sizes['x']} x {data.sizes['y']} vectors; a cubic spline needs {LEAST_VECTORS} each way"]
-        )
+    if min(data.sizes["x"], data.sizes["y"]) < 4:
+        raise NotApplicable([f"paths: {data.sizes['x']} x {data.sizes['y']} vectors; a cubic spline needs 4 each way"])
     wide = half_width_px * length if half_width_px else math.inf
     x, y = starts(plane(data, spans[0].field), places, p.spacing * length)
     found = carried(places, steps_of(data, spans, wide), x, y)

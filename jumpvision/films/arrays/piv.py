@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.parameters import of_keywords
 from jumpvision.base.schema import InputError
@@ -21,7 +21,13 @@ from .velocities import Places, fields_of, header, matching, velocities
 
 
 def piv(
-    a: Any, b: Any = None, *, frame_rate: float = 1.0, scale: float | None = None, mask: Any = None, **parameters: Any
+    a: ArrayLike,
+    b: ArrayLike | None = None,
+    *,
+    frame_rate: float = 1.0,
+    scale: float | None = None,
+    mask: ArrayLike | None = None,
+    **parameters: Any,
 ) -> xr.Dataset:
     """Velocity field from frame a to frame b, or of every neighbouring pair of the frames a (n, H, W) or a sequence.
 
@@ -55,7 +61,7 @@ def piv(
     return whole if len(frames) > 2 else whole.isel(t=0)
 
 
-def usable_of(mask: Any, frames: Sequence[NDArray[Any]]) -> Usable | None:
+def usable_of(mask: ArrayLike | None, frames: Sequence[NDArray[np.generic]]) -> Usable | None:
     """Usable pixels of frame k by one mask (H, W), or by one of each frame (n, H, W)."""
     if mask is None:
         return None

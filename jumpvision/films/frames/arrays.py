@@ -5,11 +5,16 @@ from __future__ import annotations
 import io
 import math
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
-from .base import Film, FrameError, Image, check_image, clock, lost, native_type, single_channel
+from jumpvision.base.arrays import Image
+
+from .base import Film, FrameError, check_image, clock, lost, native_type, single_channel
+
+if TYPE_CHECKING:
+    import h5py
 
 
 def stack_shape(path: Path, shape: tuple[int, ...], what: str) -> tuple[int, tuple[int, ...]]:
@@ -56,7 +61,7 @@ class NpyFilm(Film):
         del self._array
 
 
-def npy_header(path: Path, file: BinaryIO) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+def npy_header(path: Path, file: BinaryIO) -> tuple[tuple[int, ...], bool, np.dtype[np.generic]]:
     # Only the header is taken from the file, in memory: a damaged length must not ask for gigabytes.
     start = io.BytesIO(file.read(2**16))
     try:
@@ -87,7 +92,7 @@ class Hdf5Film(Film):
                 f"{path}: reading HDF5 needs h5py; install it with: pip install 'jumpvision[hdf5]'"
             ) from error
         try:
-            self._file: Any = h5py.File(path, "r")
+            self._file: h5py.File = h5py.File(path, "r")
         except OSError as error:
             raise FrameError(f"{path}: not an HDF5 file, or truncated: {error}; copy it again") from error
         try:
@@ -100,7 +105,7 @@ class Hdf5Film(Film):
             raise FrameError(f"{path}: damaged HDF5 file: {error}; copy it again") from error
 
     def _open(self, path: Path, dataset: type, frame_rate: float | None, start: float) -> None:
-        sets: list[Any] = []
+        sets: list[h5py.Dataset] = []
         self._file.visititems(lambda name, item: sets.append(item) if isinstance(item, dataset) else None)
         images = [s for s in sets if s.ndim in (3, 4)] or [s for s in sets if s.ndim == 2]
         if len(images) != 1:
@@ -144,7 +149,7 @@ class Hdf5Film(Film):
         self._file.close()
 
 
-def elsewhere(data: Any, file: Any) -> str:
+def elsewhere(data: h5py.Dataset, file: h5py.File) -> str:
     """The files beside this one that an HDF5 data set is read from; "" where there are none."""
     here = Path(data.file.filename) != Path(file.filename)
     named = [data.file.filename] if here else []

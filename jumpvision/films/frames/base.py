@@ -8,19 +8,15 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Protocol, Required, Self, TypedDict
+from typing import NamedTuple, Protocol, Required, Self, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
-Image = NDArray[Any]
+from jumpvision.base.arrays import Image
 
 MEGAPIXELS = 200.0  # a picture of the largest sensors has 150; it takes 8 times as many bytes as floats
 LARGEST = "JUMPVISION_MEGAPIXELS"  # environment variable over it
-UNEVEN = 0.3  # relative change of the time between frames that is told: cameras jitter by less
-LEAP = 1e4  # times the usual step: no pause of a recording, in which the rest of the film would be lost
-FEW = 0.5  # share of the steps: where more are odd, the rate varies
-RATE_MISMATCH = 1e-3  # relative difference of declared and recorded frame rate that is worth a warning
 
 
 class FrameError(ValueError):
@@ -78,7 +74,7 @@ class Film(ABC):
         path: Path,
         *,
         shape: tuple[int, int],
-        dtype: np.dtype[Any],
+        dtype: np.dtype[np.generic],
         clock: Clock,
         warnings: list[str],
         meta: Known,
@@ -173,19 +169,22 @@ def uneven(path: Path, stamps: NDArray[np.float64]) -> list[str]:
         return []
     usual = float(np.median(steps))
     in_ms = bool(np.allclose(stamps * 1e3, np.rint(stamps * 1e3), atol=1e-6))  # rounded, as Matroska's are
-    allowed = max(UNEVEN * usual, 1.01e-3 if in_ms else 0.0)
+    # cameras jitter by less than 0.3 of the time between frames
+    allowed = max(0.3 * usual, 1.01e-3 if in_ms else 0.0)
     odd = np.flatnonzero(np.abs(steps - usual) > allowed)
     if not odd.size:
         return []
     k, share = int(odd[0]), odd.size / steps.size
-    if (far := np.flatnonzero(steps > LEAP * usual)).size:
+    # ten thousand steps are no pause of a recording, in which the rest of the film would be lost
+    if (far := np.flatnonzero(steps > 1e4 * usual)).size:
         j = int(far[0])
         return [
             f"{path}: the time stamps leap by {steps[j]:.3g} s after frame {j} (usually {usual:.3g} s): damaged? Give "
             "clock = 'declared' with frame_rate, or leave the frames out (exclude_frames)"
         ]
     whole = np.rint(steps[odd] / usual)
-    if share < FEW and (whole >= 2).all() and (np.abs(steps[odd] - whole * usual) < allowed).all():
+    # where more than half of the steps are odd, the rate varies
+    if share < 0.5 and (whole >= 2).all() and (np.abs(steps[odd] - whole * usual) < allowed).all():
         n = int((whole - 1).sum())
         return [
             f"{path}: {n} frame{'s are' if n > 1 else ' is'} missing by the time stamps, first after frame {k}; "
@@ -201,7 +200,8 @@ def differs(rate: float, stamps: NDArray[np.float64]) -> bool:
     """Whether a rate [Hz] disagrees with (n >= 2,) stamps [s]. Their mean step is exact where stamps are coarse or
     jitter, their median step where frames are lost; a rate that fits either agrees."""
     step = np.diff(stamps)
-    return all(not abs(rate * typical - 1) <= RATE_MISMATCH for typical in (float(step.mean()), float(np.median(step))))
+    # a larger relative difference of declared and recorded frame rate is worth a warning
+    return all(not abs(rate * typical - 1) <= 1e-3 for typical in (float(step.mean()), float(np.median(step))))
 
 
 def lost(path: Path, whole: int, promised: int) -> list[str]:
@@ -226,7 +226,7 @@ def check_image(path: Path, height: int, width: int) -> None:
         )
 
 
-def native(image: NDArray[Any], where: Path | str) -> Image:
+def native(image: NDArray[np.generic], where: Path | str) -> Image:
     """The image (or stack) as uint8, uint16 or float32 in machine byte order; bool becomes 0 and 1.
 
     Other floats become float32. Raises FrameError for wider or signed integers: no value may change unseen.
@@ -235,7 +235,7 @@ def native(image: NDArray[Any], where: Path | str) -> Image:
     return np.ascontiguousarray(image, dtype=kind)
 
 
-def native_type(dtype: np.dtype[Any], where: Path | str) -> np.dtype[Any]:
+def native_type(dtype: np.dtype[np.generic], where: Path | str) -> np.dtype[np.generic]:
     if dtype.kind == "b":
         return np.dtype(np.uint8)
     if dtype.kind == "f":
@@ -245,7 +245,7 @@ def native_type(dtype: np.dtype[Any], where: Path | str) -> np.dtype[Any]:
     raise FrameError(f"{where}: pixels of type {dtype}; allowed: uint8, uint16, float; convert them before")
 
 
-def luma(red: NDArray[Any], green: NDArray[Any], blue: NDArray[Any]) -> Image:
+def luma(red: Image, green: Image, blue: Image) -> Image:
     """Grey of a colour image by Rec. 601, 0.299 R + 0.587 G + 0.114 B, at its own depth; exact where R = G = B."""
     if red.dtype.kind == "f":
         grey = 0.299 * red.astype(np.float64) + 0.587 * green + 0.114 * blue
@@ -254,7 +254,7 @@ def luma(red: NDArray[Any], green: NDArray[Any], blue: NDArray[Any]) -> Image:
     return ((wide + 500) // 1000).astype(red.dtype)
 
 
-def single_channel(image: NDArray[Any], where: Path | str, *, order: str = "rgb") -> Image:
+def single_channel(image: NDArray[np.generic], where: Path | str, *, order: str = "rgb") -> Image:
     """Grey (height, width) from (height, width) or (height, width, 1 | 3 | 4), the fourth (opacity) left out."""
     if image.ndim == 2:
         return native(image, where)

@@ -13,13 +13,14 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from .base import Film, FrameError, Image, Known, check_image, clock, differs, lost
+from jumpvision.base.arrays import Image
+
+from .base import Film, FrameError, Known, check_image, clock, differs, lost
 from .packed import frame_bytes, pixel_type, read_pixels
 
 # Places in the setup block [bytes].
 MARK, LENGTH, FRAME_RATE, SHUTTER_US, CFA, REAL_BPP, SHUTTER_NS = 140, 142, 768, 772, 808, 896, 1568
 TIMES, EXPOSURES = 1002, 1003  # tagged blocks: 32.32 and 0.32 fixed-point seconds, one a frame
-PACKED_10, PACKED_12 = 256, 1024  # bitmap compression
 
 # 10-bit packed pixels are coded; the format's table takes them to linear 12-bit values. Its steps, in base 36:
 _STEPS = (
@@ -77,7 +78,8 @@ class CineFilm(Film):
             raise FrameError(
                 f"{path}: compression {compression}, colour filter {colour}; allowed: 0, 0; save it as plain grey"
             )
-        self._bits = {(0, 8): 8, (0, 16): 16, (PACKED_10, 16): 10, (PACKED_12, 16): 12}.get((packing, bit_count), 0)
+        # 256 and 1024: bitmap compressions of packed 10 and 12 bits
+        self._bits = {(0, 8): 8, (0, 16): 16, (256, 16): 10, (1024, 16): 12}.get((packing, bit_count), 0)
         if not self._bits:
             raise FrameError(
                 f"{path}: {bit_count} bits a pixel packed as {packing}; allowed: grey of 8 or 16 bits, or packed 10, 12"

@@ -5,12 +5,21 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .base import FrameError, Image, check_image, luma
+from jumpvision.base.arrays import Image
+
+from .base import FrameError, check_image, luma
+
+if TYPE_CHECKING:
+    from av.container import InputContainer
+    from av.packet import Packet
+    from av.video.format import VideoFormat
+    from av.video.frame import VideoFrame
+    from av.video.stream import VideoStream
 
 TRAILER = 8  # bytes: 3 of slice size, 1 of error status, 4 of checksum
 REVERSED = bytes(int(f"{k:08b}"[::-1], 2) for k in range(256))
@@ -42,12 +51,12 @@ STRICT = {"err_detect": "explode+crccheck"}
 class Step(NamedTuple):
     """packet: the one just given to the decoder (None: end of film); frames: what came out; failed: it was refused."""
 
-    packet: Any
-    frames: list[Any]
+    packet: Packet[VideoStream] | None
+    frames: list[VideoFrame]
     failed: bool
 
 
-def open_video(path: Path, threads: str) -> tuple[Any, Any]:
+def open_video(path: Path, threads: str) -> tuple[InputContainer, VideoStream]:
     """(av container, its first video stream, ready to decode with "AUTO" (frames in parallel) or "SLICE" threads)."""
     import av
 
@@ -73,7 +82,7 @@ def open_video(path: Path, threads: str) -> tuple[Any, Any]:
     return container, stream
 
 
-def decode_steps(container: Any, stream: Any) -> Iterator[Step]:
+def decode_steps(container: InputContainer, stream: VideoStream) -> Iterator[Step]:
     """The film packet by packet from where the container stands, frames in the order of display."""
     import av
 
@@ -99,7 +108,7 @@ INTERLEAVED = {"yuyv422": 0, "yvyu422": 0, "uyvy422": 1, "ya8": 0, "ya16le": 0, 
 HIGH_SIDE = {"p010": 6, "p210": 6, "p410": 6, "p012": 4, "p212": 4, "p412": 4}
 
 
-def grey_type(pixels: Any) -> tuple[np.dtype[Any], int]:
+def grey_type(pixels: VideoFormat) -> tuple[np.dtype[np.generic], int]:
     """(dtype, bits) of the grey image of a frame in the given av.VideoFormat."""
     bits = 8 if pixels.has_palette else int(pixels.components[0].bits)
     if pixels.name.startswith("grayf32"):
@@ -107,7 +116,7 @@ def grey_type(pixels: Any) -> tuple[np.dtype[Any], int]:
     return (np.dtype(np.uint8), bits) if bits <= 8 else (np.dtype(np.uint16), min(bits, 16))
 
 
-def grey(frame: Any) -> Image:
+def grey(frame: VideoFrame) -> Image:
     """(height, width) of a frame: the luma plane as stored (studio range is not stretched), or luma of RGB.
 
     Formats of neither kind (Bayer, one-bit) are first taken to RGB by FFmpeg.
@@ -130,11 +139,11 @@ def grey(frame: Any) -> Image:
     return image >> shift if shift else image
 
 
-def stored(pixels: Any, dtype: np.dtype[Any]) -> np.dtype[Any]:
+def stored(pixels: VideoFormat, dtype: np.dtype[np.generic]) -> np.dtype[np.generic]:
     return dtype.newbyteorder(">" if pixels.is_big_endian and dtype.itemsize > 1 else "<")
 
 
-def plane(frame: Any, k: int, dtype: np.dtype[Any], per_pixel: int) -> NDArray[Any]:
+def plane(frame: Any, k: int, dtype: np.dtype[np.generic], per_pixel: int) -> NDArray[np.generic]:
     """Plane k as (height, width * per_pixel) values, without the padding of its lines."""
     source = frame.planes[k]
     if source.line_size < 0:  # rows from the bottom; the buffer then starts at the last one

@@ -9,7 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from .base import Film, FrameError, Image, Known, check_image, clock, lost
+from jumpvision.base.arrays import Image
+
+from .base import Film, FrameError, Known, check_image, clock, lost
 from .packed import frame_bytes, pixel_type, read_pixels
 
 # What is needed, by its name in the text header and its place in the XML header.

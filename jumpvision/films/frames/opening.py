@@ -8,9 +8,10 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+from jumpvision.base.arrays import Image
 from jumpvision.base.storage import irregular
 
-from .base import Film, FrameError, Image
+from .base import Film, FrameError
 from .pictures import SUFFIXES, ImageFilm, image_files
 
 READERS: dict[str, tuple[str, str]] = {  # suffix: module of this folder, its Film

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from .base import FrameError, Image
+from jumpvision.base.arrays import Image
+
+from .base import FrameError
 
 
-def pixel_type(bits: int) -> np.dtype[Any]:
+def pixel_type(bits: int) -> np.dtype[np.generic]:
     return np.dtype(np.uint8 if bits == 8 else np.uint16)
 
 

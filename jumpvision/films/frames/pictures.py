@@ -7,17 +7,16 @@ import struct
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .base import Film, FrameError, Image, check_image, clock, single_channel, upright
+from jumpvision.base.arrays import Image
+
+from .base import Film, FrameError, check_image, clock, single_channel, upright
 from .names import numbering
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff")
-TAIL = 2**16  # bytes at the end of a file where a JPEG's end marker is looked for; cameras append notes after it
-MAX_COMPRESSION = 2000  # pixels a byte; deflate reaches 1032, JPEG fewer: a larger claim is a damaged header
 
 
 def image_size(path: Path) -> tuple[int, int]:
@@ -37,12 +36,14 @@ def image_size(path: Path) -> tuple[int, int]:
             return film.shape
     with path.open("rb") as file:
         head = file.read(2**20)
-        file.seek(max(nbytes - TAIL, 0))
+        # cameras append notes, of up to 64 KiB, after a JPEG's end marker
+        file.seek(max(nbytes - 2**16, 0))
         tail = file.read()
     size = {".png": png_size, ".bmp": bmp_size, ".pgm": pnm_size, ".ppm": pnm_size}.get(suffix, jpeg_size)(head, tail)
     if size is None:
         raise FrameError(f"{path}: the image is torn or no {suffix} image; copy it again or leave it out")
-    if size[0] * size[1] > MAX_COMPRESSION * nbytes:
+    # deflate reaches 1032 pixels a byte, JPEG fewer: a larger claim is a damaged header
+    if size[0] * size[1] > 2000 * nbytes:
         raise FrameError(f"{path}: {size[0]} x {size[1]} pixels in {nbytes} bytes (damaged header?); copy it again")
     check_image(path, *size)
     return (size[1], size[0]) if orientation(path, head) > 4 else size
@@ -135,7 +136,7 @@ def pnm_size(head: bytes, tail: bytes) -> tuple[int, int] | None:
     return (int(match[3]), int(match[2])) if match else None
 
 
-def read_pnm(path: Path) -> NDArray[Any]:
+def read_pnm(path: Path) -> NDArray[np.generic]:
     """Binary PGM or PPM, values as stored. (OpenCV 5.0 gives the two bytes of 16-bit PGM in the wrong order.)"""
     with path.open("rb") as file:
         match = PNM.match(file.read(4096))

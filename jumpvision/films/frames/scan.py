@@ -9,15 +9,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Image
 from jumpvision.base.progress import watch
 
-from .base import FrameError, Image
+from .base import FrameError
 from .decoding import checksums_hold, decode_steps, grey, open_video
+
+if TYPE_CHECKING:
+    from av.video.frame import VideoFrame
 
 HIDDEN_FRAMES = ("vp8", "vp9", "av1")  # codecs whose packets may show nothing
 
@@ -73,14 +77,14 @@ def scan_film(path: Path, threads: str, seen: Callable[[Image], None] | None = N
 def _scanned(path: Path, threads: str, seen: Callable[[Image], None] | None) -> Scan:
     container, stream = open_video(path, threads)
     with container:
-        alone = len(container.streams) == 1 and container.duration
+        alone = container.duration if len(container.streams) == 1 else None
         scan = Scan(
             format=container.format.name,
             codec=stream.codec_context.name,
             tick=Fraction(stream.time_base or 1),
             rate=float(stream.average_rate or 0),
             promised=stream.frames,
-            duration=(container.duration - (container.start_time or 0)) * 1e-6 if alone else 0.0,
+            duration=(alone - (container.start_time or 0)) * 1e-6 if alone else 0.0,
         )
         corrupt: list[int | None] = []
         checked: list[bool] = []  # of FFV1 packets
@@ -115,7 +119,7 @@ def add_packet(scan: Scan, packet: Any, failed: bool) -> None:
     scan.place.append(packet.pos)
 
 
-def add_frame(scan: Scan, frame: Any) -> None:
+def add_frame(scan: Scan, frame: VideoFrame) -> None:
     scan.frame_pts.append(frame.pts)
     scan.frame_key.append(frame.key_frame)
     scan.kinds.add((frame.height, frame.width, frame.format.name))

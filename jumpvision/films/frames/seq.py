@@ -12,7 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from .base import Film, FrameError, Image, Known, check_image, clock, lost
+from jumpvision.base.arrays import Image
+
+from .base import Film, FrameError, Known, check_image, clock, lost
 from .packed import frame_bytes, pixel_type, read_pixels
 
 STAMP = np.dtype([("s", "<u4"), ("ms", "<u2"), ("us", "<u2")])

@@ -6,12 +6,17 @@ import json
 import math
 import re
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .base import Film, FrameError, Image, check_image, clock, lost, native_type, single_channel, upright
+from jumpvision.base.arrays import Image
+
+from .base import Film, FrameError, check_image, clock, lost, native_type, single_channel, upright
+
+if TYPE_CHECKING:
+    pass
 
 MOST_PAGES = 40_000  # looking one up takes 0.2 ms
 
@@ -135,7 +140,7 @@ class TiffFilm(Film):
             else upright(single_channel(self._colours.shown(image), where), self._turn)
         )
 
-    def _decode(self, page: Any, i: int) -> tuple[Any, bool]:
+    def _decode(self, page: Any, i: int) -> tuple[Image, bool]:
         """The page, and whether it is turned and its colours are converted already, as OpenCV does."""
         try:
             return page.asarray(), False
@@ -167,7 +172,7 @@ class Colours(NamedTuple):
     white: int
     palette: NDArray[np.uint8] | None = None
 
-    def shown(self, values: NDArray[Any]) -> NDArray[Any]:
+    def shown(self, values: NDArray[np.generic]) -> NDArray[np.generic]:
         """Grey (bright where much light is) or red, green, blue from the values of a page."""
         if self.kind == WHITE_IS_ZERO:
             return np.asarray(self.white - values, values.dtype)

@@ -6,13 +6,18 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .base import Film, FrameError, Image, Known, Truncated, clock
+from jumpvision.base.arrays import Image
+
+from .base import Film, FrameError, Known, Truncated, clock
 from .decoding import Step, decode_steps, grey, grey_type, open_video
 from .scan import scan_film, shortfall, timeline
+
+if TYPE_CHECKING:
+    from av.video.frame import VideoFrame
 
 KEPT = 8  # images kept: neighbours are asked for again (image pairs)
 
@@ -79,7 +84,7 @@ class VideoFilm(Film):
         )
         self._kept: OrderedDict[int, Image] = OrderedDict()
         self._container: Any = None
-        self._frames: Iterator[Any]
+        self._frames: Iterator[VideoFrame]
         self._restart()
 
     def _restart(self) -> None:
@@ -115,7 +120,7 @@ class VideoFilm(Film):
             raise FrameError(f"{self.path}: frame {i} cannot be decoded again; was the file changed? open it again")
         return grey(frame)
 
-    def _forward(self, target: int) -> Any:
+    def _forward(self, target: int) -> VideoFrame | None:
         """The decoded frame of this ordinal, None beyond the end."""
         for frame in self._frames:
             self._next += 1
@@ -145,5 +150,5 @@ class VideoFilm(Film):
         self._container = None
 
 
-def flow(steps: Iterator[Step]) -> Iterator[Any]:
+def flow(steps: Iterator[Step]) -> Iterator[VideoFrame]:
     return (frame for step in steps for frame in step.frames)

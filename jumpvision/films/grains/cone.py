@@ -12,7 +12,6 @@ from jumpvision.base.arrays import Array
 from jumpvision.estimate.estimate import checked, checked_sigma, least_squares_fit, scatter_factor
 
 NAN = math.nan
-LEAST_POINTS = 4
 
 
 @dataclass(frozen=True)
@@ -59,10 +58,8 @@ def fit_mass_curve(z: ArrayLike, mass: ArrayLike, sigma: ArrayLike, *, R: float)
     use = np.isfinite(z) & np.isfinite(mass) & np.isfinite(sigma) & (z > 0.0)
     z, mass, sigma = z[use], mass[use], sigma[use]
     none = np.full((2, 2), NAN)
-    if z.size < LEAST_POINTS:
-        return MassCurve(
-            NAN, NAN, none, z.size, NAN, f"{z.size} depths with an added mass, the cone needs {LEAST_POINTS}"
-        )
+    if z.size < 4:
+        return MassCurve(NAN, NAN, none, z.size, NAN, f"{z.size} depths with an added mass, the cone needs 4")
     steep = float(np.sum(mass * z / sigma**2) / np.sum(z * z / sigma**2))
     best = None
     for q in (0.1, 0.5, 0.9, 1.5):  # at the greatest depth: the corner where the cone is complete makes chi2 multimodal

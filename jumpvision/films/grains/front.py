@@ -14,7 +14,6 @@ from jumpvision.estimate.estimate import Line, checked, checked_sigma, least_squ
 LOCAL = (
     0.5  # the profile below this share of its largest speed is not used: only the neighbourhood of the front matters
 )
-FLANK = 3  # vectors between threshold and LOCAL that an exponential needs; a sharper front is interpolated
 REJECT = 6.0  # robust sigmas from the median of five neighbours beyond which a frame is left out of mu
 LARGEST = 50.0  # of an exponent: a step of the solver may leave what can be
 NAN = float("nan")
@@ -47,7 +46,7 @@ def jammed_thickness(z: ArrayLike, speed: ArrayLike, sigma: ArrayLike, *, thresh
     one, and the crossing z0 + L ln(1/threshold) falls between vectors. Where the data show no plateau (z0 above the
     first vector) the exponential starts at the face and its value there is the largest speed.
 
-    A front that falls through the flank within fewer than FLANK vectors has no exponential: there the crossing is
+    A front that falls through the flank within fewer than 3 vectors has no exponential: there the crossing is
     interpolated between the two vectors beside it, below the median of the plateau, and known to their distance over
     sqrt(12) besides the vectors' own errors.
     """
@@ -69,7 +68,7 @@ def jammed_thickness(z: ArrayLike, speed: ArrayLike, sigma: ArrayLike, *, thresh
     below = below[below > int(np.argmax(smooth))]
     end = int(below[0]) if below.size else z.size
     fallen = np.flatnonzero(smooth < threshold * top)
-    if below.size and end - int(fallen[fallen > int(np.argmax(smooth))][0]) < FLANK:
+    if below.size and end - int(fallen[fallen > int(np.argmax(smooth))][0]) < 3:  # vectors that an exponential needs
         return _interpolated(z, speed, sigma, threshold)
     if end < 5:
         return _none(end, f"{end} vectors above half the largest speed, the front needs 5")

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jumpvision.films.frames.base import Film, Image
+from jumpvision.base.arrays import Image
+from jumpvision.films.frames.base import Film
 
 ORDERS = ("together", "top", "bottom")  # as they come; the upper, the lower rows first
 COMBED = 1.3  # mean square of what differs between neighbouring rows over that between rows of one field

@@ -85,7 +85,6 @@ def track_foot(
 
 ABOVE, BELOW = 12, 8  # rows about the expected face that are laid over each other
 BLOCK = 16  # columns that share a grain
-SHARP = 2.5  # rows
 
 
 class Stack:
@@ -138,7 +137,7 @@ def _face(u: Array, variance: Array) -> float:
 
 
 def _rise(u: Array, spread: Array) -> float:
-    """Where `spread` rises through a half on the way down; NaN where it takes more than SHARP rows from 1/4 to 3/4.
+    """Where `spread` rises through a half on the way down; NaN where it takes more than 2.5 rows from 1/4 to 3/4.
 
     Grains that are jammed below the face go with it and change little by little with depth: they hide the end.
     """
@@ -149,4 +148,4 @@ def _rise(u: Array, spread: Array) -> float:
             return math.nan
         i = int(below[-1])
         places.append(float(u[i] + (level - spread[i]) / (spread[i + 1] - spread[i])))
-    return places[1] if places[2] - places[0] < SHARP else math.nan
+    return places[1] if places[2] - places[0] < 2.5 else math.nan

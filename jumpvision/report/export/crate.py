@@ -88,7 +88,7 @@ def write_crate(found: list[Results], out: Path) -> list[str]:
     return lacking
 
 
-def _versions(versions: Mapping[str, Any]) -> str:
+def _versions(versions: Mapping[str, object]) -> str:
     told = ", ".join(f"{p} {v}" for p, v in versions.items() if isinstance(v, str))
     return f"made with {told}" if told else ""
 

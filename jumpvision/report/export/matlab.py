@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 LONGEST = 63  # characters of a name in MATLAB
-MOST = 2**31 - 1  # bytes of a variable in MAT 5
 
 
 def write_matlab(found: list[Results], out: Path) -> list[str]:
@@ -59,7 +58,7 @@ def _write_field(file: Path, folder: Path) -> None:
     with xr.open_dataset(file, engine="netcdf4", decode_times=False, cache=False) as data, target.open("wb") as out:
         for name in [*map(str, data.coords), *map(str, data.data_vars)]:
             values = data[name].load()
-            if values.nbytes > MOST:
+            if values.nbytes > 2**31 - 1:  # most bytes of a variable in MAT 5
                 size = f"{values.nbytes / 2**30:.1f} GiB, a MAT file holds 2 a variable"
                 raise InputError([f"{file}: {name} has {size}; --to csv or vtk"])
             about = {f"{name}_dims": ",".join(map(str, values.dims)), f"{name}_units": values.attrs.get("units", "")}

@@ -6,9 +6,9 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from jumpvision.base.schema import InputError
+from jumpvision.base.schema import InputError, Toml
 from jumpvision.base.storage import sha256
 from jumpvision.experiment import files
 from jumpvision.experiment.workflow.provenance import read_provenance
@@ -24,7 +24,7 @@ class Results:
     name: str
     folder: Path
     outputs: Mapping[str, str]
-    provenance: Mapping[str, Any]
+    provenance: Toml
 
     @property
     def files(self) -> list[Path]:

@@ -31,7 +31,7 @@ def _write_values(file: Path, folder: Path) -> None:
     """NAME.csv with the single values, NAME_PART.csv for each list of a JSON file."""
     import pandas as pd
 
-    target, single = folder / f"{file.stem}.csv", list[Mapping[str, Any]]()
+    target, single = folder / f"{file.stem}.csv", list[Mapping[str, object]]()
     for name, value in _parts("", json.loads(file.read_text(encoding="utf-8"))):
         if isinstance(value, pd.DataFrame):
             _csv(value, target.with_name(re.sub(r"[^\w.-]", "_", f"{target.stem}_{name}") + ".csv"))

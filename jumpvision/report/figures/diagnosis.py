@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from jumpvision.report.style import (
     MODEL,
     QUIET,
     SIGNED,
+    NewFigure,
     kind_of,
     lettered,
     spoken,
@@ -32,9 +33,12 @@ from jumpvision.report.style import (
 
 from .pictures import png
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 BARS = 7  # models shown
 ROWS = 12  # recordings shown
-POINTS = 121  # of a law along each argument
 SYMBOLS = {"C": "$C$", "b": "$b$", "k1": "$k_1$", "k2": "$k_2$"} | {n: rf"$\{n}$" for n in ("mu", "theta", "delta")}
 CYCLE = (GREEN, "#56B4E9", "#E69F00", MODEL, ACCENT, MEASURED, "#F0E442", QUIET)
 
@@ -58,7 +62,7 @@ def diagnosis_picture(d: Findings, system: Jumper, data: Diagnosis) -> bytes:
         return png(lettered(figure))
 
 
-def gains(data: Diagnosis, Figure: Any) -> Any:
+def gains(data: Diagnosis, Figure: NewFigure) -> Figure:
     """The part that the record alone tells: heights, where, and the gain."""
     figure = Figure(figsize=(12.6, 3.8), layout="constrained")
     left, middle, right = figure.subplots(1, 3)
@@ -104,20 +108,20 @@ def study_picture(data: Diagnosis) -> bytes:
         return png(lettered(figure))
 
 
-def _study_where(ax: Any, data: Diagnosis) -> None:
+def _study_where(ax: Axes, data: Diagnosis) -> None:
     """z of the mean residual by kind and part."""
     cells = [(f"{c.kind}, {c.phase_of_jump}", c.z_score) for c in data.where[: BARS + 3]]
     _study_bars(ax, cells, "z of the mean residual", "where")
 
 
-def _study_bars(ax: Any, rows: Sequence[tuple[str, float]], label: str, title: str = "causes") -> None:
+def _study_bars(ax: Axes, rows: Sequence[tuple[str, float]], label: str, title: str = "causes") -> None:
     ax.barh(range(len(rows)), [v for _, v in rows], color=MEASURED)
     ax.set_yticks(range(len(rows)), [n.replace("_", " ") or "none" for n, _ in rows])
     ax.invert_yaxis()
     ax.set(title=title, xlabel=label)
 
 
-def _heights(ax: Any, data: Diagnosis) -> None:
+def _heights(ax: Axes, data: Diagnosis) -> None:
     rows = [h for h in data.heights if np.isfinite(h.measured_m)]
     top = 0.0
     for kind in sorted({h.kind for h in rows}):
@@ -140,7 +144,7 @@ def _heights(ax: Any, data: Diagnosis) -> None:
     ax.legend(loc="upper left", ncols=2, columnspacing=1.0, handlelength=1.2)
 
 
-def _track(ax: Any, d: Findings, system: Jumper, extended: bool) -> None:
+def _track(ax: Axes, d: Findings, system: Jumper, extended: bool) -> None:
     """The jump that the baseline misses most: residuals of both models, with the noise."""
     worst = int(np.argmax([np.mean(r * r) for r in d.baseline.residuals]))
     o = system.observations[worst]
@@ -155,7 +159,7 @@ def _track(ax: Any, d: Findings, system: Jumper, extended: bool) -> None:
     ax.legend()
 
 
-def _where(figure: Any, ax: Any, data: Diagnosis) -> None:
+def _where(figure: Figure, ax: Axes, data: Diagnosis) -> None:
     cells = data.where
     kinds = sorted({c.kind for c in cells})
     parts = [p for p in PARTS if any(c.phase_of_jump == p for c in cells)]
@@ -184,7 +188,7 @@ def beyond(cells: Sequence[Cell]) -> list[Cell]:
     return found if 2 * len(found) <= len(cells) else []
 
 
-def _causes(ax: Any, d: Findings) -> None:
+def _causes(ax: Axes, d: Findings) -> None:
     assert d.naming
     tried = d.naming.tried[:BARS]
     names = ["\n+ ".join(spoken(m) for m in e.mechanisms) or "baseline" for e in tried]
@@ -201,12 +205,12 @@ def _causes(ax: Any, d: Findings) -> None:
     under(ax)
 
 
-def under(ax: Any, column: float = 0.5) -> None:
+def under(ax: Axes, column: float = 0.5) -> None:
     """A legend below the axes, where nothing is drawn."""
     ax.legend(loc="upper center", bbox_to_anchor=(column, -0.18), ncols=3, columnspacing=1.0, handlelength=1.2)
 
 
-def _gain(ax: Any, data: Diagnosis) -> None:
+def _gain(ax: Axes, data: Diagnosis) -> None:
     g = data.gain
     if not g:
         ax.set_axis_off()
@@ -227,7 +231,7 @@ def _gain(ax: Any, data: Diagnosis) -> None:
     ax.legend(loc="upper center", ncols=2)
 
 
-def _scores(ax: Any, d: Findings) -> None:
+def _scores(ax: Axes, d: Findings) -> None:
     """How much the baseline's residuals look like what each missing mechanism would leave."""
     top: dict[str, float] = {}
     for direction, z in zip(d.detection.directions, d.detection.score):
@@ -242,7 +246,7 @@ def _scores(ax: Any, d: Findings) -> None:
     under(ax)
 
 
-def _energy(ax: Any, data: Diagnosis) -> None:
+def _energy(ax: Axes, data: Diagnosis) -> None:
     """Where the motor's work has gone by the apex: one bar a model, of the jump of each kind that is missed most."""
     rows = data.energy
     parts = [{"height": r.potential_J, "motion": r.kinetic_J + r.spring_J, **r.losses_J} for r in rows]
@@ -260,10 +264,7 @@ def _energy(ax: Any, data: Diagnosis) -> None:
     under(ax, 0.3)
 
 
-SMOOTH = 9  # frames, of the quadratic whose curvature is the acceleration
-
-
-def _force(ax: Any, d: Findings, system: Jumper, extended: bool) -> None:
+def _force(ax: Axes, d: Findings, system: Jumper, extended: bool) -> None:
     """Mass times the acceleration that a model misses, over time: a picture, no evidence."""
     from scipy.signal import savgol_filter
 
@@ -275,14 +276,15 @@ def _force(ax: Any, d: Findings, system: Jumper, extended: bool) -> None:
         fits["extended"] = (d.naming.best.fit, GREEN)
     for name, (fit, color) in fits.items():
         r = o.y - system.predict(fit.mechanisms, fit.named, [worst])[0]
-        force = jump.model.M * savgol_filter(r, SMOOTH, 2, deriv=2, delta=float(np.median(np.diff(o.t))))
+        # the acceleration is the curvature of a quadratic over 9 frames
+        force = jump.model.M * savgol_filter(r, 9, 2, deriv=2, delta=float(np.median(np.diff(o.t))))
         ax.plot(o.t[late], force[late], color=color, lw=1.0, label=name)
     ax.axhline(0.0, color=QUIET, lw=0.8)
     ax.set(title="force missing on the rod in (b)", xlabel="time [s]", ylabel="mass × missed acceleration [N]")
     ax.legend()
 
 
-def _films(ax: Any, data: Diagnosis) -> None:
+def _films(ax: Axes, data: Diagnosis) -> None:
     """What films and tests measure of the model, over what the jumps alone imply."""
     rows = [r for r in data.confirmation if r.by_jumps]
     if not rows:
@@ -305,7 +307,7 @@ def _films(ax: Any, data: Diagnosis) -> None:
     under(ax)
 
 
-def heights(rows: Sequence[Mapping[str, Any]], Figure: Any) -> Any:
+def heights(rows: Sequence[Mapping[str, Any]], Figure: NewFigure) -> Figure:
     """Jump height against frequency by kind, measured (filled, ±2σ) and simulated (open)."""
     known = [r for r in rows if r.get("jump_height_m") is not None and r.get("frequency_hz") is not None]
     figure = Figure(figsize=(8.6, 3.8), layout="constrained")
@@ -332,7 +334,7 @@ def heights(rows: Sequence[Mapping[str, Any]], Figure: Any) -> Any:
     return figure
 
 
-def discovered_law(law: Discovered, Figure: Any) -> Any:
+def discovered_law(law: Discovered, Figure: NewFigure) -> Figure:
     """A discovered law: the formula typeset, and its value over what the jumps covered of its arguments."""
     constants = {n: p.value for n, p in law.parameters.items()}
     form = parse(law.law, {n: n for n in (*law.parameters, *STATE)})
@@ -342,7 +344,9 @@ def discovered_law(law: Discovered, Figure: Any) -> Any:
     words = {n: f"{constants[n]:.3g}" for n, p in law.parameters.items()}
     figure.suptitle(f"${form.typeset(words)}$", fontsize=13)
     ax = figure.subplots()
-    axes = [np.linspace(law.seen[n][0], law.seen[n][1], POINTS) for n in names[:2]]
+    axes = [
+        np.linspace(law.seen[n][0], law.seen[n][1], 121) for n in names[:2]
+    ]  # points of the law along each argument
     unit = {"foot_mass": "mass [kg]", "film_height": "added height [m]", "film_time": "added time [s]"}
     label = unit.get(law.acts_on, "force [N]")
     if "u" in form.symbols:

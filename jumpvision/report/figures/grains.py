@@ -126,17 +126,14 @@ def band(axis: Axes, x: xr.DataArray, y: xr.DataArray, sigma: xr.DataArray, colo
     axis.plot(x, y, color=color)
 
 
-FRAMES = 4  # of a sequence
-
-
 def moments(flow: xr.Dataset) -> AnyArray:
-    """FRAMES times, evenly spaced while the foot moves down at a tenth of its greatest speed or more."""
+    """Four times, evenly spaced while the foot moves down at a tenth of its greatest speed or more."""
     speed = flow.foot_speed.values
     if np.isfinite(speed).any():
         moving = np.flatnonzero(speed > 0.1 * np.nanmax(speed))
     else:
         moving = np.arange(flow.sizes["t"])
-    return np.unique(np.linspace(moving[0], moving[-1], FRAMES + 2)[1:-1].round().astype(int))
+    return np.unique(np.linspace(moving[0], moving[-1], 6)[1:-1].round().astype(int))
 
 
 def grain_speed(piv: xr.Dataset, flow: xr.Dataset, Figure: NewFigure) -> Figure:

@@ -29,8 +29,7 @@ from .pictures import Picture, shrunk
 Bgr = NDArray[np.uint8]
 
 MOST = 300  # frames shown; a longer film is thinned evenly
-RATE = 25.0  # frames a second, fewer for short films, so that they last SHORTEST
-SHORTEST = 4.0  # s
+RATE = 25.0  # frames a second, fewer for short films
 WIDTH = 720  # px; smaller films are enlarged by a whole number, larger ones shrunk
 SHOWN = ("u", "v", "chc", "foot_y")  # of a field
 STRIP = 22  # px below the picture, for time and scale
@@ -166,7 +165,7 @@ def thinned(n: int) -> NDArray[np.int64]:
 
 def slowed(n: int) -> float:
     """Frames a second for n frames."""
-    return min(RATE, max(1.0, n / SHORTEST))
+    return min(RATE, max(1.0, n / 4.0))  # short films last 4 s
 
 
 class View:

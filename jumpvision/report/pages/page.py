@@ -11,7 +11,7 @@ import math
 from functools import cache
 from importlib.resources import files as resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from jumpvision import __version__
 from jumpvision.base.storage import write_aside
@@ -36,6 +36,9 @@ from .experiment_charts import experiment_charts, whole_disc
 from .quantities import HALF, WHOLE, fit_rows, typeset
 from .verdict import VerdictShown, causes_shown, detectable_shown
 from .words import campaign_words, drawing, experiment_words, film, inline, noise_words, poster, preview
+
+if TYPE_CHECKING:
+    from jinja2 import Template
 
 PICTURES = {  # file: (heading, what it shows)
     "track.png": ("Tracking", "a frame of the film with the path of the ball, and height against time"),
@@ -221,7 +224,7 @@ def linked(table: list[dict[str, Any]], outcomes: list[Outcome]) -> list[dict[st
 
 
 @cache
-def template(name: str) -> Any:
+def template(name: str) -> Template:
     """A template of the package."""
     from jinja2 import Environment, PackageLoader, select_autoescape
 

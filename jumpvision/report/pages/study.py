@@ -17,8 +17,6 @@ from .quantities import typeset
 from .verdict import VerdictShown, causes_shown, detectable_shown
 from .words import inline
 
-FAILED = 10  # runs that are listed
-
 
 def write_study(d: Diagnosis, folder: Path, title: str, *, pictures: bool = True) -> list[Path]:
     """diagnosis.json, samples.csv, diagnosis.png and report.html in a folder; their paths."""
@@ -50,7 +48,7 @@ def page(d: Diagnosis, png: bytes, title: str) -> str:
         verdict=VerdictShown(causes_shown(d), detectable_shown(d), measured_rows(d), picture=inline(png)),
         fitted=[{"parameter": n, "value": typeset(str(p))} for n, p in (d.fitted or {}).items()],
         runs=f"{runs.made} simulations made, {runs.kept} kept from before, {runs.seconds:.3g} s" if runs else "",
-        failures=runs.failures[:FAILED] if runs else (),
+        failures=runs.failures[:10] if runs else (),  # runs that are listed
     )
 
 

@@ -6,7 +6,7 @@ import base64
 import io
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +21,9 @@ from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, style
 
 from .charts import numbered
 from .quantities import HALF, WHOLE
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Numbers = list[tuple[str, str, str]]  # value, unit, what it is
 
@@ -193,7 +196,7 @@ RC: dict[Any, Any] = {
 }
 
 
-def drawing(draw: Callable[..., Any], *data: Any) -> str:
+def drawing(draw: Callable[..., Figure], *data: object) -> str:
     """The <svg> of a drawing function's figure in the house style, without a date or a background."""
     import matplotlib
 

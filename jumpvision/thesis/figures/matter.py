@@ -94,9 +94,6 @@ def draw_discs(axis: Axes, data: xr.Dataset, bed: DiscBed, k: int) -> Any:
     return cells
 
 
-MOST = 8  # curves of a panel
-
-
 def foot_picture(triangles: Array, found: pd.DataFrame, foot: Foot) -> bytes:
     """The foot from the side; vertical and horizontal force against depth by tilt and attack, or against the angle."""
     with styled() as Figure:
@@ -118,11 +115,11 @@ def foot_picture(triangles: Array, found: pd.DataFrame, foot: Foot) -> bytes:
         return png(figure)
 
 
-def curves(axis: Axes, kinds: Sequence[Any], name: str) -> None:
-    """One column against depth for at most MOST pairs of angles, evenly chosen."""
+def curves(axis: Axes, kinds: Sequence[object], name: str) -> None:
+    """One column against depth for at most 8 pairs of angles, evenly chosen."""
     import matplotlib as mpl
 
-    some = [kinds[round(i)] for i in np.linspace(0, len(kinds) - 1, min(MOST, len(kinds)))]
+    some = [kinds[round(i)] for i in np.linspace(0, len(kinds) - 1, min(8, len(kinds)))]
     for color, ((tilt, attack), rows) in zip(mpl.colormaps["viridis"](np.linspace(0.0, 0.85, len(some))), some):
         axis.plot(1e3 * rows.depth_m, rows[name], color=color, label=f"tilt {tilt:g}°, attack {attack:g}°")
 

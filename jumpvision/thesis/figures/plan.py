@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jumpvision.base.arrays import Array
 from jumpvision.report.figures.pictures import png
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
 from jumpvision.thesis.studies.plan import Planned, PlanNumbers
@@ -63,7 +64,7 @@ def _title(n: PlanNumbers) -> str:
     return f"apex {1e3 * n.apex_m:.1f} mm on {n.ground} ground, {n.objective}"
 
 
-def _phases(axis: Axes, sequence: tuple[str, ...], durations: Any) -> None:
+def _phases(axis: Axes, sequence: tuple[str, ...], durations: Array) -> None:
     ends = 1e3 * np.cumsum(durations)
     for mode, begin, end in zip(sequence, [0.0, *ends], ends):
         axis.axvspan(begin, end, color=SHADES[mode], lw=0)
@@ -74,7 +75,7 @@ def plan_animation(planned: Planned) -> str:
     motion, numbers = planned.plan.motion, planned.numbers
     t = np.arange(0.0, float(motion.t[np.argmax(motion.rod)]) + 2 * AFTER, FRAME)
 
-    def at(a: Any) -> list[float]:
+    def at(a: Array) -> list[float]:
         return [round(1e3 * float(v), 2) for v in np.interp(t, motion.t, a)]
 
     tracks = {"rod": at(motion.rod - motion.rest), "foot": at(motion.foot), "motor": at(motion.motor - motion.rod)}

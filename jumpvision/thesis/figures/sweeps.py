@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -105,7 +105,7 @@ def grid(data: xr.Dataset, Figure: NewFigure) -> Figure:
     return figure
 
 
-def _what(data: xr.Dataset, dims: Any) -> str:
+def _what(data: xr.Dataset, dims: Sequence[Hashable]) -> str:
     """The robot and the values that all jumps share."""
     told = origin_of(data)
     constants = told.values

@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from jumpvision.jumper.planning.plan import Plan, Planner
 
 HEIGHTS = np.linspace(0.02, 0.06, 9)  # m
-PLAYED = 8  # robots and beds that a plan is played on
 # relative standard deviation between the model planned with and the robot and bed that jump
 UNKNOWN = {"k1": 0.03, "k2": 0.03, "b": 0.05, "C": 0.07, "motor_mass": 0.004, "spring_stiffness": 0.01}
 THESIS_ERROR = {  # Fig 64
@@ -115,7 +114,7 @@ def _stacked(rows: list[list[dict[str, float]]]) -> dict[str, AnyArray]:
 
 def _unknown(model: Model) -> dict[str, float]:
     """UNKNOWN of the values that the model has, in their units."""
-    values: Mapping[str, Any] = {**dataclasses.asdict(model.parameters), **vars(model)}
+    values: Mapping[str, float] = {**dataclasses.asdict(model.parameters), **vars(model)}
     return {n: share * values[n] for n, share in UNKNOWN.items() if values.get(n) and n in _of(model)}
 
 
@@ -128,7 +127,7 @@ def _of(model: Model) -> set[str]:
 def plan_heights(s: Sweep) -> Found:
     """Heights jumped against heights planned: rigid and granular plans on hard ground and sand, robots a little off.
 
-    Each plan of least effort is played on PLAYED robots and beds drawn within UNKNOWN.
+    Each plan of least effort is played on 8 robots and beds drawn within UNKNOWN.
     """
     from jumpvision.jumper.planning.plan import drawn
 
@@ -141,7 +140,7 @@ def plan_heights(s: Sweep) -> Found:
         ("rigid plan, sand", "rigid", "sand"),
     ):
         model = made[on].model
-        played = [drawn(model, _unknown(model), rng) for _ in range(PLAYED)]
+        played = [drawn(model, _unknown(model), rng) for _ in range(8)]
         groups[name] = [[made[of].resimulate(p.command, m)[0] for m in played] for p in plans[of]]
     apex = np.array([p.apex for p in plans["sand"]])
     high = np.array([[[m.jump_height for m in row] for row in rows] for rows in groups.values()])

@@ -15,11 +15,11 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from jumpvision.base.schema import InputError, read
+from jumpvision.base.arrays import Array
+from jumpvision.base.schema import InputError, Toml, read
 from jumpvision.base.storage import write_aside
 from jumpvision.experiment.inputs.experiment import EXPERIMENT, Experiment, merged
 from jumpvision.experiment.inputs.logs import read_log
@@ -33,7 +33,7 @@ WAITS, LIVE = "waits for", "#: "  # of the reason to exclude; lines that hold on
 RECORDED = ("rod_video", "rod_track", "motor_log", "bed_image")  # sections of a jump whose files are asked for
 LOG = {"file": "motor.csv"}  # of a motion that only it tells
 # beside jumps: sections whose files are asked for, and what to do
-TESTS: Mapping[str, tuple[Mapping[str, Mapping[str, Any]], str]] = {
+TESTS: Mapping[str, tuple[Mapping[str, Toml], str]] = {
     "spring test": (
         {"spring_log": {"file": "spring.csv"}},
         "Press the spring alone step by step to its greatest travel and back, three times; "
@@ -57,7 +57,6 @@ TESTS: Mapping[str, tuple[Mapping[str, Mapping[str, Any]], str]] = {
     ),
 }
 TICK = 1e-3  # s, of the motor's table
-OFF = 0.1  # share of the travel by which a motor may leave its command
 
 
 @dataclass(frozen=True)
@@ -114,7 +113,7 @@ def prepare_test(like: Experiment, kind: str, name: str, why: Sequence[str] = ()
     own = _declared(like)
     law = like.section(Actuation) if kind == "grain film" else None
     kept = {k: v for k, v in own.items() if k in ("robot", "bed", "model")}
-    asked: Mapping[str, Mapping[str, Any]] = sections
+    asked: Mapping[str, Toml] = sections
     plain = _plain(own)
     if kind == "ring-down":
         plain, kept = {**plain, "ground": "hard"}, {"robot": own["robot"]} if "robot" in own else {}
@@ -147,7 +146,7 @@ def _actuation(law: Actuation) -> Mapping[str, str | float]:
     return {k: v for k in keys if (v := getattr(law, k)) is not None and (k, v) != ("delay", 0.0)}
 
 
-def _experiment(like: Experiment, motion: Mapping[str, Any], why: Sequence[str], changes: Changes, command: str) -> str:
+def _experiment(like: Experiment, motion: Toml, why: Sequence[str], changes: Changes, command: str) -> str:
     """experiment.toml: what the other experiment declares, this motion, the recordings under `LIVE`; a motion without a
     law has a motor log among them, a bed that is measured no declared packing. Trials of one command at one place are a
     group."""
@@ -166,18 +165,16 @@ def _experiment(like: Experiment, motion: Mapping[str, Any], why: Sequence[str],
     return _waiting(plain, kept | {"actuation": motion}, asked, why)
 
 
-def _declared(like: Experiment) -> Mapping[str, Any]:
+def _declared(like: Experiment) -> Toml:
     return tomllib.loads((like.path / EXPERIMENT).read_text(encoding="utf-8-sig"))
 
 
-def _plain(own: Mapping[str, Any]) -> Mapping[str, Any]:
+def _plain(own: Toml) -> Toml:
     """What stands before the sections, but for what is the experiment's alone."""
     return {k: v for k, v in own.items() if not isinstance(v, Mapping) and k not in ("name", "group", "exclude")}
 
 
-def _waiting(
-    plain: Mapping[str, Any], kept: Mapping[str, Any], asked: Mapping[str, Mapping[str, Any]], why: Sequence[str]
-) -> str:
+def _waiting(plain: Toml, kept: Toml, asked: Mapping[str, Toml], why: Sequence[str]) -> str:
     """experiment.toml with the sections `kept`, those whose files are asked for under `LIVE`."""
     files = [v["file"] for v in asked.values()]
     head = ["# prepared by jumpvision explore: record, put the files here, say explore again", *(f"# {w}" for w in why)]
@@ -187,13 +184,13 @@ def _waiting(
     return "\n\n".join(parts) + "\n\n" + "\n".join(LIVE + x for x in live.splitlines()) + "\n"
 
 
-def _table(name: str, values: Mapping[str, Any]) -> str:
+def _table(name: str, values: Toml) -> str:
     inner = {k: v for k, v in values.items() if not isinstance(v, Mapping)}
     deeper = [_table(f"{name}.{k}", v) for k, v in values.items() if isinstance(v, Mapping)]
     return "\n".join([f"[{name}]", *([_lines(inner)] if inner else []), *deeper])
 
 
-def _lines(values: Mapping[str, Any]) -> str:
+def _lines(values: Toml) -> str:
     return "\n".join(f"{k} = {json.dumps(v, ensure_ascii=False, default=str)}" for k, v in values.items())
 
 
@@ -231,7 +228,7 @@ def take_in(folder: Path) -> Returned:
     return Returned(folder)
 
 
-def mismatch(folder: Path, tables: Mapping[str, Any]) -> str:
+def mismatch(folder: Path, tables: Toml) -> str:
     """How the recordings differ from [actuation]; "" where they are those of it, or nothing moves."""
     if tables.get("actuation", {}).get("kind", "none") == "none":
         return ""
@@ -253,7 +250,7 @@ def mismatch(folder: Path, tables: Mapping[str, Any]) -> str:
                 f"{section.path.name} goes from {t[0]:.3g} to {t[-1]:.3g} s, the motion from {law.start:.3g} to "
                 f"{motion.stop:.3g} s; record all of it"
             )
-        most = OFF * asked_of_motor(law, table)[0]
+        most = 0.1 * asked_of_motor(law, table)[0]  # a motor may leave its command by a tenth of the travel
         if cls is MotorLog and (off := np.abs(x - motion(t)[0])).max() > most:
             return (
                 f"{section.path.name}: the motor was up to {1e3 * off.max():.2f} mm from its command (at "
@@ -263,7 +260,7 @@ def mismatch(folder: Path, tables: Mapping[str, Any]) -> str:
     return ""
 
 
-def _track(section: RodTrack) -> tuple[Any, Any]:
+def _track(section: RodTrack) -> tuple[Array, Array]:
     d = read_log(section, "time_s", "height_m", at_least=8)
     return d.time_s.to_numpy(), d.height_m.to_numpy()
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from jumpvision.base.schema import InputError
+from jumpvision.base.schema import InputError, Toml
 from jumpvision.base.storage import write_aside
 from jumpvision.experiment.campaign.diagnose import Question
 
@@ -34,9 +34,9 @@ class Proposed:
     bits: float
     log10_odds: float | None
     cost: float
-    actuation: Mapping[str, Any] | None = None
+    actuation: Toml | None = None
     like: str = ""
-    changes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    changes: Mapping[str, Toml] = field(default_factory=dict)
     motion: str = ""
 
     @property

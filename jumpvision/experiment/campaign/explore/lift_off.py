@@ -36,7 +36,6 @@ FILE, KINDS = "lift_off.json", ("single", "stutter", "sine")
 TRIALS, CLOSE = 12, 0.005  # trials at most; relative half width of the 90 % interval that is enough
 NEAR, SURE = (0.4, 1.15), 2.0  # ratios of trials that are averaged; sigmas by which one lifted, or did not
 STEP, FINER = 1e-3, 10  # relative, of the stiffness; times a frame
-AFTER = 0.5  # s after the motor's stop that is compared: later flights tell of landings
 FACTOR = 2.0  # by which the amplitude is changed until a trial lifts and another does not
 
 
@@ -75,7 +74,7 @@ def trial(jump: Jump) -> Trial:
         what = "on sand, where the foot leaves at no one height" if jump.model.ground != "hard" else "by its motor log"
         raise InputError([f"{jump.name}: is {what}; the threshold is looked for on hard ground, by a commanded law"])
     amplitude = float(jump.forcing.rows[0, 3])
-    use = jump.t < jump.stop + AFTER
+    use = jump.t < jump.stop + 0.5  # flights later after the motor's stop tell of landings
     measured, rest = jump.t[use], jump.t[use] < jump.forcing.start
     fine = np.linspace(measured[0], measured[-1], FINER * measured.size)  # frames miss the top by a per cent and more
     stiffer = replace(jump.model, spring_stiffness=jump.model.spring_stiffness * (1.0 + STEP))

@@ -7,13 +7,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from jumpvision.base.arrays import Array
-from jumpvision.base.schema import InputError, read
+from jumpvision.base.schema import InputError, Toml, read
 from jumpvision.engine.fitting import Problem
 from jumpvision.experiment.campaign.jumps import spec_of
 from jumpvision.experiment.inputs.experiment import Experiment
@@ -27,10 +27,7 @@ from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.jumps import Jump
 
 START, AFTER = 0.2, 0.8  # s: of rest before the motor, recorded after it
-FINE = 4001  # times at which a command is looked at
-ROUND = 1.001  # limits of what was run, for rounded frequencies
 DELAYS = (0.05, 0.1, 0.2)  # s
-ALIKE = 0.004  # volume fractions nearer than this are one packing
 PLACES = 3  # grounds, feet and packings of a campaign that jumps are offered on: a proposal's time goes with them
 HALF_CYCLE = ("single", "stutter", "delayed_stutter")
 
@@ -55,7 +52,7 @@ class Limits:
         return [
             f"{name} {x:.3g} {unit}: at most {most:.3g} {unit} ({self.said})"
             for name, x, most, unit in rows
-            if x > ROUND * most
+            if x > 1.001 * most  # beyond what was run, but for rounded frequencies
         ]
 
 
@@ -67,7 +64,7 @@ def asked_of_motor(law: Actuation, motion: Spline | None = None) -> tuple[float,
         v = np.gradient(x, t)
         return float(np.ptp(x)), float(np.max(np.abs(v))), float(np.max(np.abs(np.gradient(v, t))))
     given = commanded(law)
-    x, v = given(np.linspace(given.start, given.stop, FINE)[:-1])
+    x, v = given(np.linspace(given.start, given.stop, 4001)[:-1])  # times enough for the extremes of a command
     omega = 2 * math.pi * (law.frequency or 0.0)
     return float(np.ptp(x)), float(np.max(np.abs(v))), (law.amplitude or 0.0) * omega**2
 
@@ -139,13 +136,13 @@ def places(jumps: Sequence[Jump], most: int = PLACES) -> list[int]:
 
     while len(taken) < most:
         far, i = max((min(apart(i, k) for k in taken), -i) for i in range(len(jumps)))
-        if not far[0] and far[1] < ALIKE:
+        if not far[0] and far[1] < 0.004:  # volume fractions nearer than this are one packing
             break
         taken.append(-i)
     return taken
 
 
-Changes = Mapping[str, Mapping[str, Any]]  # tables of experiment.toml, as --set has them
+Changes = Mapping[str, Toml]  # tables of experiment.toml, as --set has them
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from jumpvision.base.schema import REQUIRED, InputError, closest, param, read
+from jumpvision.base.schema import REQUIRED, InputError, Toml, closest, param, read
 from jumpvision.base.storage import write_aside
 from jumpvision.engine.fitting import Problem
 from jumpvision.engine.noise.noise import Noise
@@ -57,7 +56,7 @@ class Camera:
 class Planned:
     """A protocol not yet carried out, with a campaign.toml. logged: whether the motor's encoder is."""
 
-    campaign: Mapping[str, Any]
+    campaign: Toml
     laws: Sequence[Actuation]
     camera: Camera
     logged: bool

@@ -23,7 +23,6 @@ from jumpvision.experiment.workflow.run import Outcome
 from .intrusions import Fitted
 
 FITTED = ("actuator_ratio", "actuator_lag_s", "actuator_tau_s", "peak_power_W", "motor_work_J")
-FEWEST = 2  # frequencies of which a table is written
 
 
 @dataclass(frozen=True)
@@ -85,7 +84,7 @@ def write_actuator(campaign: Campaign, outcomes: Sequence[Outcome], results: Pat
     import pandas as pd
 
     rows = driven(campaign, outcomes)
-    if len({r.frequency for r in rows}) < FEWEST:
+    if len({r.frequency for r in rows}) < 2:  # a table needs two frequencies
         return []
     text, found = io.StringIO(), actuator_bandwidth(rows)
     pd.DataFrame([r.cells for r in rows]).to_csv(text, index=False, lineterminator="\n")

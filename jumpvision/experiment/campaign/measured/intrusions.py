@@ -27,7 +27,6 @@ FITTED = ("k1", "k2", "delta", "s", "s_p", "lam", "ripple_N", "ripple_variance_N
 SLOPES = {"k1": "k1", "k2": "k2", "delta": "delta"}  # parameter of the bed -> fit, where two slopes tell the force
 GROWING = {"k1": "k1_cone", "sigma_cone": "sigma_cone", "mu": "mu_cone"}  # where the growing cone does
 OVERSHOOTS = ("s", "s_p", "lam")
-LEAST = 5  # packings that a law needs
 KINKED = 0.05  # p of a straight line below which a law has a kink
 
 
@@ -280,7 +279,7 @@ def bed_laws(rows: Sequence[SlowIntrusion]) -> BedLaws | None:
     fits = {}
     for name, fit in (static_fits(known) | {n: n for n in OVERSHOOTS}).items():
         use = [(r.volume_fraction, *r.fits[fit]) for r in known if r.fits[fit].known]
-        if len({phi for phi, *_ in use}) >= LEAST:
+        if len({phi for phi, *_ in use}) >= 5:  # a law needs five packings
             fits[name] = fit_packing_law(*np.array(use).T.copy())
     return BedLaws(foot, common_share(known), fits) if fits else None
 

@@ -195,16 +195,14 @@ def packing(section: Bed | None, bed: BedHeight | None) -> tuple[float | None, f
     return None, None
 
 
-OFF = 3.0  # sigma between a given and a measured volume fraction, from which on it is said
-
-
 def contradicted(section: Bed | None, bed: BedHeight | None) -> str:
     """What is to be said where a given volume fraction stands in place of another that the picture shows; else ""."""
     given, seen = (section.volume_fraction if section else None), bed.values["volume_fraction"] if bed else None
     if bed is None or given is None or seen is None:
         return ""
     sigma = bed.values["sigma_volume_fraction"] or 0.0
-    if abs(given - seen) <= OFF * sigma:
+    # from three sigma between a given and a measured volume fraction on, it is said
+    if abs(given - seen) <= 3.0 * sigma:
         return ""
     return (
         f"[bed] volume_fraction = {given:g} goes before {seen:.4f} ± {sigma:.2g}, which the picture of the bed shows; "

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.parameters import of_keywords
@@ -158,7 +159,12 @@ def rises(z: Array, F: Array) -> bool:
 
 
 def of_arrays(
-    depth_m: Any, force_N: Any, *, time_s: Any = None, foot_radius: float | None = None, **parameters: Any
+    depth_m: ArrayLike,
+    force_N: ArrayLike,
+    *,
+    time_s: ArrayLike | None = None,
+    foot_radius: float | None = None,
+    **parameters: Any,
 ) -> pd.DataFrame:
     """What a slow intrusion tells: a row a fit, as in intrusion.json.
 

@@ -93,8 +93,6 @@ def column(piv: Piv, flow: Flow, robot: Robot | None = None, *, p: ColumnParams)
 
 
 AXIS_OFF = 1e-3  # m by which the axis is moved to either side, to see what it matters
-CONE_SHARE = 0.8  # of the jammed thickness: below it the bands end, at the cone's flat lower side
-WIDEST = 1.4  # foot radii from the axis within which bands are looked for
 OWN_BLUR = 0.14  # windows: standard deviation of the blur of our own piv (films of known flow, 24 px every 8)
 PLAIN_BLUR = 1.0 / math.sqrt(12.0)  # of the mean over a window, for a field computed elsewhere
 
@@ -158,8 +156,10 @@ def cone_sides(
     the axis. radius [m] of the foot, where known."""
     strain = strain.sortby("y", ascending=False)
     edge = float(np.max(np.abs(frame.x)))
-    layer = Layer(float(frame.foot_y), p.clear, CONE_SHARE * front["jammed_thickness"])
-    reach, shared = min(WIDEST * radius, edge) if radius else edge, grid.error_length
+    # the bands end at 0.8 of the jammed thickness, at the cone's flat lower side
+    layer = Layer(float(frame.foot_y), p.clear, 0.8 * front["jammed_thickness"])
+    # bands are looked for within 1.4 foot radii from the axis
+    reach, shared = min(1.4 * radius, edge) if radius else edge, grid.error_length
     plane = Plane(frame.v, frame.v_sigma, frame.chc.values > 0, frame.x, frame.y)
     bands = shear_bands(
         strain.shear_rate,

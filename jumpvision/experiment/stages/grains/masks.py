@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import warnings
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Image
 from jumpvision.experiment.inputs.sections import Calibration, GrainMask, GrainVideo, Robot
 from jumpvision.experiment.stages.pairs import InPairs
 from jumpvision.experiment.stages.recordings import open_film, straightened_and_cut
@@ -44,7 +44,7 @@ class MaskFilm(Film):
         """Whether every frame has its own."""
         return self._pictures is not None and len(self._pictures) > 1
 
-    def _read(self, i: int) -> NDArray[Any]:
+    def _read(self, i: int) -> Image:
         import cv2
 
         out = np.full(self.shape, 255, np.uint8)

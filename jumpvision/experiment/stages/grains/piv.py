@@ -30,11 +30,9 @@ from jumpvision.films.vision.piv.pair import VectorField, packed, unpacked
 from .masks import both, foot_mask, given_mask, half_width
 from .vectors import foreign_field
 
-UNEVEN = 0.02  # of the time between frames
 PART, LONG = 16, 64  # pairs a process matches at a time; from so many on several processes are worth their start
 KEPT = 512  # pairs: from so many on finished parts are kept, for a run that is killed or shared
 FOOT = "foot.npz"  # the part that is kept of a foot
-FOOT_SEARCH = 8.0  # px, largest change of the foot's motion from frame to frame
 
 
 @stage(version=13, any_of=("film", "field"))
@@ -63,7 +61,9 @@ def piv(
         if len(frames) <= p.gap:
             raise ValueError(f"{film.path}: {len(frames)} frame(s); a pair needs {p.gap + 1}")
         steps = np.diff(frames.time)
-        if p.baseline > p.gap and np.ptp(steps) > UNEVEN * np.median(steps):
+        if p.baseline > p.gap and np.ptp(steps) > 0.02 * np.median(
+            steps
+        ):  # uneven by more than 2 % of the time between frames
             raise ValueError(f"{film.path}: piv.baseline = {p.baseline} needs evenly timed frames: set it to 1")
         foot = follow_foot(frames, film, robot, p)
         usable = both(foot_mask(foot, frames.shape, film, robot), given_mask(given, mask, calibration))
@@ -205,7 +205,7 @@ def follow_foot(frames: Film, film: GrainVideo, robot: Robot | None, p: PivParam
             column=film.axis_column,
             half_width=min(0.8 * half, frames.shape[1] / 2) if half else frames.shape[1] / 4,
             depth=p.foot_rows,
-            search=FOOT_SEARCH,
+            search=8.0,  # px, largest change of the foot's motion from frame to frame
         )
     if keeper is not None and known is None:
         keeper.put(FOOT, found.as_bytes())

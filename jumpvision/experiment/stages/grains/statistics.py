@@ -18,7 +18,6 @@ from jumpvision.experiment.results.tables import Profiles
 from jumpvision.experiment.workflow.stage import stage
 from jumpvision.films.grains.steady import Memory, Velocities, independent, steady
 
-FEWEST = 10  # fields that a mean is made of
 SERIES = 4_000_000  # numbers that are held at once to learn how long a flow remembers
 AT_MOST = 256  # vectors that it is learned from
 
@@ -34,8 +33,8 @@ def statistics(piv: Piv, flow: Flow, *, p: StatisticsParams) -> Statistics:
     if "foot_y" in field:
         raise NotApplicable(["statistics: the foot of [grain_video] moves: no steady flow"])
     chosen = field.isel(t=np.flatnonzero((field.t.values >= p.first) & (field.t.values <= p.last)))
-    if chosen.sizes["t"] < FEWEST:
-        raise NotApplicable([f"statistics: {chosen.sizes['t']} fields; a mean needs {FEWEST}"])
+    if chosen.sizes["t"] < 10:  # of fewer the scatter of a mean is not known
+        raise NotApplicable([f"statistics: {chosen.sizes['t']} fields; a mean needs 10"])
     found = steady(of_times(chosen), *(Memory.of(x) for x in remembered(chosen)))
     unit = unit_of(field.u)
     square = f"{unit.split('/')[0]}^2/s^2"

@@ -22,7 +22,6 @@ from jumpvision.films.vision.piv.pair import INTERPOLATED, VALID
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
 PIXELS = ("px", "pix", "pixel", "pixels")
 FRAMES = ("frame", "frames", "dt")
-WINDOW = 2.0  # steps: half overlap, the default of OpenPIV and PIVlab
 COLUMN = 0.005  # m, half width of the column under the foot whose grains show its motion
 WHERE = "a vector is the velocity at (x, y) at mid-time; x right, y up"
 NAMED = {k: {"standard_name": f"{k}_velocity"} for k in ("u", "v")}
@@ -41,7 +40,7 @@ def foreign_field(section: PivField, robot: Robot | None) -> Piv:
     given = section.foot_row is not None and section.axis_column is not None
     x0, y0 = (section.axis_column or 0.0, section.foot_row or 0.0) if given and not held else (0.0, 0.0)
     x, y = side * (raw.x - x0) * length, sign * (raw.y - y0) * length
-    overlap = section.window or raw.window or WINDOW
+    overlap = section.window or raw.window or 2.0  # steps: half overlap, the default of OpenPIV and PIVlab
     u, v = side * raw.u * velocity, sign * raw.v * velocity
     su, sv = (sigmas(section, raw, f, s, velocity, overlap) for f, s in ((u, raw.u_sigma), (v, raw.v_sigma)))
     valid = raw.valid & np.isfinite(su) & np.isfinite(sv)

@@ -15,8 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from jumpvision.base.arrays import Array
-from jumpvision.films.frames.base import Image
+from jumpvision.base.arrays import Array, Image
 
 CLEAR = 4.0  # px between the ball's edge and a pixel that counts as scene
 

@@ -29,7 +29,6 @@ from .normal_equations import (
 )
 from .unknowns import BX, GY, WX, WY, A, B, R, S, X, Y
 
-MIN_S = 0.29  # px, the blur of a square pixel alone
 MAX_STEPS = 40
 
 
@@ -131,7 +130,7 @@ def _fit(img, p, n_par, noise, mean, weight):  # type: ignore[no-untyped-def]
         scale = min(scale, 0.5 * p[S] / max(abs(step[S]), 1e-9))
         for m in range(n_par):
             p[m] += scale * step[m]
-        p[S] = max(p[S], MIN_S)
+        p[S] = max(p[S], 0.29)  # px, the blur of a square pixel alone
         if not (abs(p[X]) < 1e6 and abs(p[Y]) < 1e6 and 1.5 < p[R] < 1e5 and p[S] < 2.0 * p[R]):
             break
         if not (abs(p[WX]) < 1e4 and abs(p[WY]) < 1e4):

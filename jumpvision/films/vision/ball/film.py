@@ -10,8 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from jumpvision.base.arrays import Image
 from jumpvision.base.progress import watch
-from jumpvision.films.frames.base import Frames, Image
+from jumpvision.films.frames.base import Frames
 
 from .appearance.flight import in_flight, is_shadow
 from .appearance.template import track_template

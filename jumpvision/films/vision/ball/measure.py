@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -194,7 +194,7 @@ class Block(NamedTuple):
     """Neighbouring frames about the ball: windows (n, rows, columns), corners (n, 2) column and row of their first
     pixels in the frame, starts (n, 4) where the ball is looked for: x, y, wx, wy [px]."""
 
-    windows: NDArray[Any]
+    windows: NDArray[np.generic]
     corners: NDArray[np.int64]
     starts: Array
 

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from jumpvision.base.arrays import MAD, Float32
-from jumpvision.films.frames.base import Frames, Image
+from jumpvision.base.arrays import MAD, Float32, Image
+from jumpvision.films.frames.base import Frames
 
 from .background import View, Window
 from .measure import DiscMeasure, Found, Start

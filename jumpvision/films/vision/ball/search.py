@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
 LEVELS = (0.3, 0.5, 0.7)  # of the way from the common grey level to the brightest
 SIZE_RATIO = 1.5  # largest factor between a blob's and the ball's diameter
-BEST = 8
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ class Blob:
 def find_blobs(
     image: NDArray[np.generic], *, diameter: float | None, polarity: str, min_diameter: float, streak: bool
 ) -> list[Blob]:
-    """Candidates in `image` (row, column), best first, at most BEST; empty when there is none.
+    """Candidates in `image` (row, column), best first, at most 8; empty when there is none.
 
     Thresholds at several levels and at Otsu's; each outline is filled, so a highlight inside does not matter.
     diameter: expected, px; without it anything from min_diameter up to half the image counts. NaN pixels are empty.
@@ -73,7 +72,7 @@ def find_blobs(
     for b in blobs:
         if all(math.hypot(b.x - k.x, b.y - k.y) > 0.3 * max(b.d, k.d) for k in kept):
             kept.append(b)
-        if len(kept) == BEST:
+        if len(kept) == 8:
             break
     return kept
 

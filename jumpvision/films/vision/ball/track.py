@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.films.frames.base import Image
+from jumpvision.base.arrays import Image
 
 from .background import Background, View
 from .measure import AS_THEY_ARE, Block, DiscMeasure, Found, Start, ThresholdMeasure, span

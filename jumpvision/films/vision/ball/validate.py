@@ -10,8 +10,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.base.arrays import Float32
-from jumpvision.films.frames.base import Frames, Image
+from jumpvision.base.arrays import Float32, Image
+from jumpvision.films.frames.base import Frames
 
 from .background import Background, View
 from .measure import DiscMeasure, Found, Start

@@ -29,7 +29,6 @@ Usable = Callable[[int], Mask]  # (H, W) of frame k, True where it is usable
 
 LARGEST_STEP = 0.25  # of the window; a step further has left the texture it was computed from
 STIFFNESS = 1.0  # of the surface through the vectors: damps noise between neighbours, keeps waves of 6 vectors to 1 %
-NEAR = 3  # vectors, side of the neighbourhood over which the square of the last change is averaged
 TRIAL = 384  # px, side of the middle part with which a second prefilter is tried
 MARGIN = 12  # px of border around a frame beyond half a window: gradient stencil, spline, half of a displacement
 
@@ -283,7 +282,8 @@ def _last_change(change: Array, sigma: Array) -> Array:
 
     In a band the steps come to rest slowly; the finer windows tell it over a neighbourhood only.
     """
-    about = np.stack([cv2.blur(q * q, (NEAR, NEAR), borderType=cv2.BORDER_REFLECT) for q in change])
+    # over 3 x 3 vectors the square of the last change is averaged
+    about = np.stack([cv2.blur(q * q, (3, 3), borderType=cv2.BORDER_REFLECT) for q in change])
     return np.asarray(np.maximum(about - STILL_MOVING_FROM.value * sigma**2, 0))
 
 

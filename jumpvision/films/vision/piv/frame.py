@@ -18,8 +18,6 @@ from jumpvision.films.calibration import FOLDED_PARTICLES, LEAST_WHITE
 
 from .pair import MEASURED, VectorField
 
-GUARD = 2  # px next to a masked pixel that the gradient stencil and the spline reach
-
 
 class Frame(NamedTuple):
     """A frame ready for matching."""
@@ -35,7 +33,7 @@ class Frame(NamedTuple):
 
 
 def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int, fine: bool, smooth: float) -> Frame:
-    """Spline of an image (H, W) [grey] and weights that stay GUARD px away from unusable pixels.
+    """Spline of an image (H, W) [grey] and weights that stay 2 px away from unusable pixels.
 
     smooth: [px] standard deviation of the Gaussian that the image is smoothed with, see `prefilter`.
 
@@ -65,7 +63,8 @@ def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int
         for part in _parts(len(padded), 1 if fine else 2)  # fine ones are four filters already
     ]
     (noise, usable), *_ = at_once([noise_and_usable, *filters])
-    keep = usable if usable.all() else scipy.ndimage.binary_erosion(usable, iterations=GUARD, border_value=1)
+    # the gradient stencil and the spline reach so far
+    keep = usable if usable.all() else scipy.ndimage.binary_erosion(usable, iterations=2, border_value=1)
     weight = np.ascontiguousarray(np.pad(keep, pad), np.uint8)
     return Frame(grey, usable, c, weight, pad, rounding, kept * noise)
 
@@ -127,7 +126,7 @@ def _taps(smooth: float, fine: bool) -> list[NDArray[np.float64]]:
     """Smoothing and coefficients of the cubic spline, as weights of the neighbours along one axis.
 
     On the pixels, or on the places a quarter of a pixel before and behind them: there by least squares of the response
-    to the waves that pixels carry, true to 0.001 below FAITHFUL.
+    to the waves that pixels carry, true to 0.001 below 2.6 rad/px.
     """
     if not fine:
         n = np.arange(-10, 11)
@@ -136,14 +135,12 @@ def _taps(smooth: float, fine: bool) -> list[NDArray[np.float64]]:
     n = np.arange(-6, 7)
     k = np.pi * (np.arange(512) + 0.5) / 512  # [rad/px]; the spline has the samples (4 + 2 cos(k / 2)) / 6 there
     gain = np.exp(-0.5 * (smooth * k) ** 2) * 6 / (4 + 2 * np.cos(k / 2))
-    weight = 1 / (1 + np.exp((k - FAITHFUL) / 0.08)) + 1e-3
+    # pictures hold next to nothing beyond 2.6 rad/px, and what they hold there is aliased in part
+    weight = 1 / (1 + np.exp((k - 2.6) / 0.08)) + 1e-3
     waves = np.exp(1j * np.outer(k, n + 0.25)) * weight[:, None]
     before = np.linalg.lstsq(np.vstack([waves.real, waves.imag]), np.concatenate([gain * weight, 0 * k]))[0]
     before /= before.sum()
     return [before, before[::-1]]
-
-
-FAITHFUL = 2.6  # rad/px; pictures hold next to nothing beyond, and what they hold there is aliased in part
 
 
 def taper(window: int) -> Float32:

@@ -7,10 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.films.frames.base import Frames, Image
+from jumpvision.base.arrays import Image
+from jumpvision.films.frames.base import Frames
 from jumpvision.films.parameters import PivParams
-
-BACKGROUND_FRAMES = 64  # frames that a background is made from, of either exposure
 
 
 class Light(NamedTuple):
@@ -32,11 +31,11 @@ def light_of(frames: Frames, stride: int, p: PivParams) -> Light:
 
 
 def common(frames: Frames, how: str, first: int, stride: int) -> NDArray[np.float32]:
-    """Minimum or mean (H, W) of BACKGROUND_FRAMES or fewer, evenly from `first` on, `stride` apart, one at a time."""
+    """Minimum or mean (H, W) of 64 frames or fewer, evenly from `first` on, `stride` apart, one at a time."""
     every = np.arange(first, len(frames), stride)
     if every.size < 3:
         raise ValueError(f'[params.piv] background = "{how}": needs 3 frames or pairs, found {every.size}; take "none"')
-    shown = every[np.unique(np.linspace(0, every.size - 1, min(every.size, BACKGROUND_FRAMES)).round().astype(int))]
+    shown = every[np.unique(np.linspace(0, every.size - 1, min(every.size, 64)).round().astype(int))]
     out = frames[int(shown[0])].astype(np.float32)
     for i in shown[1:]:
         out = np.minimum(out, frames[int(i)]) if how == "minimum" else out + frames[int(i)]

@@ -21,8 +21,8 @@ class Backend(NamedTuple):
     """xp: array namespace (data-apis.org/array-api); put: NumPy array to it; get: its array to NumPy."""
 
     xp: Any
-    put: Callable[[NDArray[Any]], Any]
-    get: Callable[[Any], NDArray[Any]]
+    put: Callable[[NDArray[np.generic]], Any]
+    get: Callable[[Any], NDArray[np.generic]]
 
 
 NUMPY = Backend(np, np.asarray, np.asarray)
@@ -142,13 +142,10 @@ def unpacked(data: bytes) -> Iterator[VectorField]:
         yield VectorField(x, y, **{n: a[k] for n, a in planes.items()}, gradient=none, gradient_sigma=none)
 
 
-FURTHEST = 2.0  # px, a longer displacement gains little and loses grains
-
-
 def combined(fields: list[tuple[float, VectorField]]) -> VectorField:
     """Displacement per shortest baseline from fields (baseline, field) of one mid-time, the shortest first.
 
-    Every longer one that is measured, moves by no more than FURTHEST and agrees with those before it takes part with
+    Every longer one that is measured, moves by no more than 2 px and agrees with those before it takes part with
     the weight of its variance (their errors come from different frames). What is left of the disagreement widens sigma
     as in Birge's ratio. Gradients are those of the longest that takes part; all else is that of the shortest.
     """
@@ -179,7 +176,8 @@ def _together(fields: list[tuple[float, VectorField]], of: list[Array]) -> tuple
         u, sigma = values[:2] * (unit / baseline), values[2:] * (unit / baseline)
         apart = (u - mean) ** 2 / (sigma**2 + 1 / total)
         # two baselines agree within 3 standard uncertainties
-        use = np.isin(f.reason, MEASURED) & (np.hypot(f.u, f.v) <= FURTHEST) & (apart.max(0) <= 3.0**2)
+        # a longer displacement than 2 px gains little and loses grains
+        use = np.isin(f.reason, MEASURED) & (np.hypot(f.u, f.v) <= 2.0) & (apart.max(0) <= 3.0**2)
         w = np.where(use, 1 / sigma**2, 0.0)
         mean, chi2 = np.where(use, (total * mean + w * u) / (total + w), mean), chi2 + np.where(use, apart, 0.0)
         total, count = total + w, count + use

@@ -15,8 +15,6 @@ from jumpvision.base.arrays import Array, Float32
 from jumpvision.base.threads import shared
 from jumpvision.films.calibration import JUMP_CALM, JUMP_OF_FIELD, STEP_OF_FIELD
 
-AROUND = 3  # vectors, side of the neighbourhood over which the differences are averaged
-
 
 class Axis(NamedTuple):
     """Along one axis of the picture; the matrices act on the vectors' values."""
@@ -83,7 +81,8 @@ def lightly_smoothed(
         return surface, None
     e = f - surface
     squared = (e**2).sum(0)
-    power = cv2.boxFilter(squared, -1, (AROUND, AROUND), borderType=cv2.BORDER_REFLECT)
+    # over 3 x 3 vectors
+    power = cv2.boxFilter(squared, -1, (3, 3), borderType=cv2.BORDER_REFLECT)
     # squares of two normal components are exponential
     # differences below 0.02 px are no step
     chance, calm = (

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
-from typing import Any
 
 import cv2
 import numba as nb
@@ -237,11 +236,11 @@ def error_length(window: int, step: int, stiffness: float, times: int) -> float:
     return float(1 / np.sqrt((seen**2).mean()))
 
 
-def _surface(theta: NDArray[np.floating[Any]], stiffness: float) -> Array:
+def _surface(theta: NDArray[np.floating], stiffness: float) -> Array:
     """Response of the smoothed surface (`surface.axis`) to waves of theta rad a vector; none beyond the grid's."""
     return np.where(np.abs(theta) < np.pi, _folded(theta, stiffness, 2), 0)
 
 
-def _folded(theta: NDArray[np.floating[Any]], stiffness: float, order: int) -> Array:
+def _folded(theta: NDArray[np.floating], stiffness: float, order: int) -> Array:
     """The same of vectors, which take shorter waves for longer ones."""
     return 1 / (1 + stiffness * (2 - 2 * np.cos(theta)) ** order)

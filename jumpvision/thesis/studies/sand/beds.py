@@ -164,7 +164,7 @@ def _rows_of_types(s: Sweep, data: xr.Dataset) -> list[Row]:
     old, phi, hard = 1e3 * data.baseline_height_m, data.phi.values, 1e3 * data.hard_ground_height_m
     share = float(mm.sel(jump="single")[0] / hard.sel(jump="single"))
 
-    def ends(x: Any) -> str:
+    def ends(x: Array) -> str:
         return f"{float(x[0]):.1f} and {float(x[-1]):.1f} mm"
 
     after = data.equivalent_phi.values

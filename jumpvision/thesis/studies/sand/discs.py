@@ -26,7 +26,6 @@ FILE = "dem.nc"
 FRAMES = 40  # instants of the stroke
 RAMP = 2e-3  # s, in which the foot comes to its speed
 CONSTANT = 0.5  # of the stroke: theta is the median from there on
-GROWN = 0.8  # of its greatest thickness: until there the front's growth is fitted
 
 
 @dataclass(frozen=True)
@@ -162,7 +161,8 @@ def measured(runs: Sequence[xr.Dataset]) -> DiscNumbers:
         late = data.isel(t=slice(round(CONSTANT * FRAMES), None))
         depth, front = -data.foot_y.values, data.front.values
         grows = np.isfinite(front) & (
-            np.arange(front.size) <= np.argmax(np.nan_to_num(front) > GROWN * np.nanmax(front))
+            # the front's growth is fitted until 0.8 of its greatest thickness
+            np.arange(front.size) <= np.argmax(np.nan_to_num(front) > 0.8 * np.nanmax(front))
         )
         slope = np.polyfit(depth[grows], front[grows], 1)[0] if grows.sum() > 2 else math.nan
         with np.errstate(invalid="ignore"):

@@ -26,7 +26,6 @@ from jumpvision.thesis.studies.study import Found, Measured, Sweep, study
 from .beds import kink
 
 TRIED = {"b": np.geomspace(0.6, 120.0, 25), "alpha": np.geomspace(5.0, 1000.0, 25)}
-LEAST = 5  # packings that a law needs
 
 
 @dataclass(frozen=True)
@@ -166,7 +165,7 @@ def drag_fit(given: Measured) -> Found:
         for x, dx, g, (value, _, c), sd in zip(packing, packing_sigma, groups, fits, total)
     ]
     known = np.isfinite(fits[:, :2]).all(axis=1)
-    if known.sum() >= LEAST:
+    if known.sum() >= 5:  # a law needs five packings
         fit = fit_packing_law(packing[known], fits[known, 0], fits[known, 1])
         law = fit.law
         numbers += [

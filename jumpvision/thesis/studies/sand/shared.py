@@ -41,9 +41,6 @@ EXAMPLE_RANGE = (0.57, 0.63)
 DRAGS = np.r_[0.0, np.geomspace(5.0, 1000.0, 18)]  # kg/m, tried for alpha
 
 
-TAIL = 0.5  # s shown after the motor stops
-
-
 def batch(s: Sweep, given: Mapping[str, ArrayLike], model: Model | None = None, laws: Laws | None = None) -> Any:
     """Results of jumps over the grid of `given`, with another model or other laws in place of its own."""
     setup = dataclasses.replace(s.setup, model=model or s.setup.model, laws=laws or s.setup.laws)
@@ -60,13 +57,13 @@ def heights(
 
 
 def motion(s: Sweep, model: Model, given: Mapping[str, float], samples: int) -> tuple[Motion, Segments, Model]:
-    """One jump sampled evenly from its start to TAIL after its stop, with its law and model, driven as in a batch."""
+    """One jump sampled evenly from its start to 0.5 s after its stop, with its law and model, driven as in a batch."""
     v = resolve(s.setup.values, given)
     if s.setup.laws:
         v |= s.setup.laws.points(v["phi"], model.foot_radius or np.nan, s.setup.phi_sigma)
     here = model_at(model, v)
     law = Segments(law_rows({n: np.atleast_1d(x) for n, x in v.items()})[0])
-    t = np.linspace(law.start, law.stop + TAIL, samples)
+    t = np.linspace(law.start, law.stop + 0.5, samples)
     loop = looped(v)
     gains = {n: float(x) for n, x in loop.items()} if loop else {}
     driver = Loop(law, dwell_gain=float(v["dwell_gain"]), **gains) if loop else law

@@ -12,14 +12,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from jumpvision.base.arrays import FROM_MAD, Array, Float32
+from jumpvision.base.arrays import FROM_MAD, Array, Float32, Image
 from jumpvision.films.calibration import OUTLINE_RADIUS
 from jumpvision.films.frames.base import Frames
 from jumpvision.films.vision.ball.measure import Found
@@ -76,7 +76,7 @@ class _Face:
         phase = math.pi * (np.clip(at / self.side, -0.5, 0.5) + 0.5)
         self.cosine = np.cos(np.arange(n)[:, None] * phase).astype(np.float32)
 
-    def _blurred(self, sharp: NDArray[Any], blur: float) -> Float32:
+    def _blurred(self, sharp: Image, blur: float) -> Float32:
         soft = cv2.GaussianBlur(sharp, (0, 0), blur * FINE * OVER)
         return np.asarray(cv2.resize(soft, (self.k, self.k), interpolation=cv2.INTER_AREA))
 

@@ -30,7 +30,6 @@ LIKE, SURE = 0.7, 0.85  # least correlation with the target: where it is expecte
 TURNS = np.deg2rad([0.0, -20.0, 20.0])  # from the last turn, that are tried
 ALL_TURNS = np.deg2rad(np.arange(0.0, 360.0, 20.0))
 CHANGED = 0.25  # of the target's contrast: a place that differs less from the still scene is the scene
-PEAKS = 6  # places that differ most from the scene, in which a lost target is sought
 LINEAR = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
 FOLDED = 20  # frames of which the mean target is made
 
@@ -155,13 +154,13 @@ def _best(
 
 
 def _changed(image: Float32, scene: Float32 | None, target: Target) -> list[tuple[float, float, float]]:
-    """(x, y, reach) of the PEAKS places that differ most from the scene; the whole picture where none does."""
+    """(x, y, reach) of six places that differ most from the scene; the whole picture where none does."""
     k = target.grey.shape[0]
     whole = [(0.5 * image.shape[1], 0.5 * image.shape[0], 0.5 * max(image.shape))]
     if scene is None:
         return whole
     moved, out = cv2.blur(np.abs(image - scene), (k, k)), []
-    for _ in range(PEAKS):
+    for _ in range(6):
         row, column = np.unravel_index(int(np.argmax(moved)), moved.shape)
         if moved[row, column] < CHANGED * target.contrast:
             break
