@@ -135,11 +135,13 @@ def test_the_wanders_shapes_have_its_covariance():
     "world", [{}, {"rho": 0.7}, *later({"family": "outliers"}, {"drift": 5e-5}, {"step": 1e-4})], ids=str
 )
 def test_four_single_jumps_show_their_noise(ground, world):
-    """Learned s of some 400 samples at rest and in flight: 4 % (white), 9 % (correlated 0.7), three of them allowed."""
+    """Learned s of some 400 samples at rest and in flight: 4 % (white), 9 % (correlated 0.7), three of them allowed; of
+    tracks that are rounded some 170 lie a step apart. A correlation is known to 1/sqrt(n)."""
     learned = learned_of(few(ground, **world))
     true = math.hypot(NOISE, world.get("step", 0.0) / math.sqrt(12.0))
     assert learned.sigma == pytest.approx(true, rel=0.27 if "rho" in world else 0.12)
-    assert learned.noise.rho == pytest.approx(world.get("rho", 0.0), abs=0.15)
+    told = 3.0 / math.sqrt(min(learned.noise.n, 400))
+    assert learned.noise.rho == pytest.approx(world.get("rho", 0.0), abs=told)
     assert learned.warnings == ()
     assert learned.scatter == {}  # single trials tell nothing of it
     assert bool(learned.outliers) == ("family" in world)
