@@ -343,8 +343,10 @@ def test_plans_shift_smoothly_from_height_to_height(ground):
         assert np.abs(a - b).max() < (1.1 - low / high) * max(np.ptp(a), np.ptp(b))
     travel = [np.ptp(x) for x in motor]
     assert travel == sorted(travel)
-    if ground == "hard":
-        assert all(x.min() < -0.1 * np.ptp(x) for x in motor)  # a pull, then a push
+    if ground == "hard":  # the thesis' strategy is a plan of its own: a pull, then a push; a longer push costs less
+        one = planner.plan(0.03).motion
+        relative = one.motor - one.rod
+        assert relative.min() < -0.1 * np.ptp(relative)
 
 
 @pytest.mark.long
