@@ -28,7 +28,7 @@ import numpy as np
 from jumpvision.jumper.mechanisms.registry import MECHANISMS, ModelParameters
 from jumpvision.jumper.physics.model import Model
 from jumpvision.jumper.planning.jumper import Drive
-from jumpvision.jumper.planning.plan import Plan, Planner, drawn
+from jumpvision.jumper.planning.plan import Plan, Planner, perturbed
 from jumpvision.jumper.planning.solve import guessed, starts
 from jumpvision.jumper.planning.transcription import Limits
 from jumpvision.laboratory.jumper import Motor, Robot, Samples, motion_of
@@ -118,7 +118,7 @@ def ladder(hidden: int, rng: np.random.Generator) -> None:
         cells = []
         for name, (plan, model, sigma) in cases.items():
             exact = played(model, plan)
-            found = np.array([played(drawn(model, sigma, rng), plan) for _ in range(hidden)])
+            found = np.array([played(perturbed(model, sigma, rng), plan) for _ in range(hidden)])
             found += rng.normal(0.0, NOISE, hidden)
             errors[name].append(np.abs(found - apex))
             cells.append(f"{1e3 * exact:.2f} | {1e3 * found.mean():.1f} ± {1e3 * found.std(ddof=1):.1f}")

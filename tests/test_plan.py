@@ -31,7 +31,7 @@ casadi = pytest.importorskip("casadi", reason="planning needs CasADi: pip instal
 from jumpvision.jumper.planning import transcription  # noqa: E402
 from jumpvision.jumper.planning.jumper import AIR, INTRUDE, STUCK, Drive, Jumper, Memory, State  # noqa: E402
 from jumpvision.jumper.planning.ladder import CONTINUOUS, changed, follow, ladder  # noqa: E402
-from jumpvision.jumper.planning.plan import Planner, above, apexes, drawn  # noqa: E402
+from jumpvision.jumper.planning.plan import Planner, above, apexes, perturbed  # noqa: E402
 from jumpvision.jumper.planning.solve import guessed, starts  # noqa: E402
 from jumpvision.jumper.planning.transcription import Limits  # noqa: E402
 
@@ -173,7 +173,7 @@ def test_the_spread_covers_what_the_laboratory_finds(sand):
     sigma = {"k1": 60.0, "b": 0.8, "C": 0.2, "motor_mass": 0.01, "spring_stiffness": 30.0}
     plan = sand.plan(0.04)
     spread = apexes(sand, plan.command, sigma, draws=150, rng=rng).std(ddof=1)
-    misses = np.array([lab_apex(drawn(CONE, sigma, rng), plan) - 0.04 for _ in range(30)])
+    misses = np.array([lab_apex(perturbed(CONE, sigma, rng), plan) - 0.04 for _ in range(30)])
     assert 13 <= np.sum(np.abs(misses) <= spread) <= 28
     assert 1e-4 < spread < 5e-3
 

@@ -57,7 +57,7 @@ def shared(**options: Any) -> Callable[[Callable[..., None]], Callable[..., None
     takes twice as long to compile. What a row becomes does not depend on the number of threads. options: of `njit`.
     """
 
-    def made(f: Callable[..., None]) -> Callable[..., None]:
+    def over_rows(f: Callable[..., None]) -> Callable[..., None]:
         compiled = nb.njit(**{"cache": True, "nogil": True, **options})(f)
 
         @functools.wraps(f)
@@ -68,7 +68,7 @@ def shared(**options: Any) -> Callable[[Callable[..., None]], Callable[..., None
 
         return call
 
-    return made
+    return over_rows
 
 
 def at_once(calls: Sequence[Callable[[], T]], most: int | None = None) -> list[T]:

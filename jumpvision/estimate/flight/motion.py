@@ -51,7 +51,7 @@ class Motion:
 def parts_of(piece: Piece, gravity: float) -> tuple[Piece, list[Part]]:
     """The piece without stray samples, and its segments, those of one curve joined."""
     while True:
-        t, y = piece.seen
+        t, y = piece.whitened
         first, kind = segmented(t, y, piece.weights, gravity)
         parts = [Part(int(k), int(i), int(j)) for k, i, j in zip(kind, first, first[1:])]
         stray = strays(piece, parts, gravity)

@@ -156,7 +156,7 @@ def _first(given: list[Piece], gravity: float, stated: bool) -> Noise:
 
     def cost(noise: Noise) -> float:
         return sum(
-            evidence(*p.seen, p.weights, gravity) + p.t.size * math.log(noise.factor**2 * (1.0 - noise.rho**2))
+            evidence(*p.whitened, p.weights, gravity) + p.t.size * math.log(noise.factor**2 * (1.0 - noise.rho**2))
             for p in _scaled(long, noise)
         )
 

@@ -49,14 +49,14 @@ class Piece:
     @property
     def weights(self) -> Array:
         """1/m^2, (n,): of white noise that is worth as much as this over many samples; next to none where the last
-        sample, which `seen` needs, is not there."""
+        sample, which `whitened` needs, is not there."""
         out = np.maximum(self.sigma, FINEST) ** -2 * (1.0 - self.rho) / (1.0 + self.rho)
         if self.rho:
             out[np.diff(self.t, prepend=-np.inf) > 1.5 * self.step] *= LEAST
         return np.asarray(out)
 
     @property
-    def seen(self) -> tuple[Array, Array]:
+    def whitened(self) -> tuple[Array, Array]:
         """(t, y) whose noise is white with `weights`: the record itself, or what it is beside its last value."""
         if not self.rho:
             return self.t, self.y

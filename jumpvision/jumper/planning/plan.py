@@ -296,7 +296,7 @@ def above(motion: Motion, height: float) -> float:
     return max((crossing(int(b)) - crossing(int(a)) for a, b in zip(rises, falls)), default=0.0)
 
 
-def drawn(model: Model, sigma: Mapping[str, float], rng: np.random.Generator) -> Model:
+def perturbed(model: Model, sigma: Mapping[str, float], rng: np.random.Generator) -> Model:
     """The model with the values of `sigma` (name -> standard uncertainty) drawn from normal distributions.
 
     Names are those of `Model` (the robot's) or of its parameters. A draw that cannot be (a negative mass) is repeated.
@@ -317,4 +317,4 @@ def apexes(
     planner: Planner, command: Spline, sigma: Mapping[str, float], *, draws: int, rng: np.random.Generator
 ) -> Array:
     """Apexes [m], (draws,), of one command on models drawn from the uncertainties."""
-    return np.array([planner.resimulate(command, drawn(planner.model, sigma, rng))[1] for _ in range(draws)])
+    return np.array([planner.resimulate(command, perturbed(planner.model, sigma, rng))[1] for _ in range(draws)])

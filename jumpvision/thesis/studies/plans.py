@@ -129,7 +129,7 @@ def plan_heights(s: Sweep) -> Found:
 
     Each plan of least effort is played on 8 robots and beds drawn within UNKNOWN.
     """
-    from jumpvision.jumper.planning.plan import drawn
+    from jumpvision.jumper.planning.plan import perturbed
 
     found = planned(s, "effort")
     made, plans = found.planners, found.plans
@@ -140,7 +140,7 @@ def plan_heights(s: Sweep) -> Found:
         ("rigid plan, sand", "rigid", "sand"),
     ):
         model = made[on].model
-        played = [drawn(model, _unknown(model), rng) for _ in range(8)]
+        played = [perturbed(model, _unknown(model), rng) for _ in range(8)]
         groups[name] = [[made[of].resimulate(p.command, m)[0] for m in played] for p in plans[of]]
     apex = np.array([p.apex for p in plans["sand"]])
     high = np.array([[[m.jump_height for m in row] for row in rows] for rows in groups.values()])
