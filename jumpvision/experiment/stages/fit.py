@@ -86,7 +86,7 @@ def fit(experiment: Experiment, given: Recordings, *, p: FitParams) -> Fits:
     column, flow, clock = given.column, given.flow, given.clock
     for doubt in doubts(experiment, given):
         warnings.warn(doubt, stacklevel=2)
-    flights = find_flights(rod, contact, robot, law, log, p)
+    flights = find_flights(rod, contact, robot, law, log, p, on_sand=experiment.ground == "granular")
     if flights is not None:
         jumps = longer_than(flights, p.shortest_flight)
         out["n_jumps"] = Estimate(float(len(jumps)), 0.0, "", len(jumps), 0.0)
@@ -168,8 +168,13 @@ def find_flights(
     law: Actuation | None,
     log: MotorLog | None,
     p: FitParams,
+    *,
+    on_sand: bool,
 ) -> Flights | None:
-    """Flights from the contact sensor, or without one from the track of the centre of mass of motor and rod."""
+    """Flights from the contact sensor, or without one from the track of the centre of mass of motor and rod.
+
+    On sand they are only counted: fitting their ends with spring, foot and motor takes seconds.
+    """
     if contact is not None:
         return contact_flights(*contact_of(contact), debounce=p.debounce)
     if rod is None or robot is None:
@@ -187,9 +192,9 @@ def find_flights(
         max_gap=p.max_gap,
         ripple=foot_ripple(*foot) if foot else 0.0,
         lag=robot.spring_damping / spring if spring else 0.0,
-        ring=swing_of(robot),
-        offset=motion.height - rod.arrays[1],
-        stiffness=math.sqrt(spring / mass) if spring and mass else 0.0,
+        ring=None if on_sand else swing_of(robot),
+        offset=None if on_sand else motion.height - rod.arrays[1],
+        stiffness=math.sqrt(spring / mass) if spring and mass and not on_sand else 0.0,
     )
     for doubt in found.doubts:
         warnings.warn(f"flights: {doubt.message}", StageWarning, stacklevel=2)

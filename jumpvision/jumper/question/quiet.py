@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -51,7 +52,7 @@ def flights(jump: Jump, factor: Array, sigma: float, coarse: float, ring: float)
     # so many frames without a reading end a flight
     for piece in np.split(np.arange(t.size), np.flatnonzero(np.diff(t) > 3.5 * frame) + 1):
         about = np.hypot(sigma * factor[piece], ripple)
-        for i, j in in_flight(t[piece], y[piece], about, gravity=m.g):
+        for i, j in _in_flight(*(a[piece].tobytes() for a in (t, y)), about.tobytes(), m.g):
             edge = max(3, round(0.08 * (j - i)))  # left out at either end: sand lets go gently
             here = piece[i + edge : j - edge]
             # the whole of a flight must be as near as 0.3 g to free fall
@@ -64,6 +65,12 @@ def flights(jump: Jump, factor: Array, sigma: float, coarse: float, ring: float)
             if len(out) == 3:  # after the motor's stop: later bounces hardly leave the ground
                 return out
     return out
+
+
+@functools.lru_cache(maxsize=256)  # one track is asked for every frequency that its foot may have
+def _in_flight(t: bytes, y: bytes, sigma: bytes, gravity: float) -> list[tuple[int, int]]:
+    time, height, noise = (np.frombuffer(a) for a in (t, y, sigma))
+    return in_flight(time, height, noise, gravity=gravity)
 
 
 def _fall(t: Array, y: Array) -> float:
