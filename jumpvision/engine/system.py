@@ -93,6 +93,22 @@ class Block:
 
 
 @dataclass(frozen=True)
+class Circumstances:
+    """When, by whom and with what a motion was recorded.
+
+    order: place in the series of recordings; time: when it was recorded [s] since any fixed instant; session: the day,
+    person or set-up it belongs to; labels: anything else that is known of it, numbers or words. source: where order and
+    time come from, in words ("[experiment] recorded", "the number in the name").
+    """
+
+    order: float | None = None
+    time: float | None = None
+    session: str | None = None
+    labels: Mapping[str, float | str] = field(default_factory=dict)
+    source: str = ""
+
+
+@dataclass(frozen=True)
 class Observation:
     """One measured motion: y (n,) at the times t (n,) [s], increasing (within each block).
 
@@ -100,6 +116,7 @@ class Observation:
     noise, where repeated trials scatter by more than it. labels: anything to report by (kind, frequency, ...).
     parts: (n,) name of the part of the motion each sample belongs to (for "where"). blocks: where several instruments
     read the motion, their readings one after the other; () is one of the common noise, its zero unknown.
+    circumstances: when, by whom and with what it was recorded.
     """
 
     name: str
@@ -111,6 +128,7 @@ class Observation:
     spread: Array | None = None
     parts: NDArray[np.str_] | None = None
     blocks: tuple[Block, ...] = ()
+    circumstances: Circumstances = field(default_factory=Circumstances)
 
     @property
     def independent(self) -> int:

@@ -39,8 +39,10 @@ from .values import (
     Runs,
     Selection,
     Status,
+    Suggested,
     Trace,
     Unexplained,
+    Varies,
     Verdict,
     WithoutFilms,
 )
@@ -67,7 +69,7 @@ class Diagnosis(Record):
 
     file = FILE
 
-    schema: int = 2
+    schema: int = 3
     verdict: Verdict
     p_value: float
     baseline: Baseline
@@ -93,6 +95,8 @@ class Diagnosis(Record):
     confirmation: tuple[Confirmation, ...]
     without_films: WithoutFilms | None = field(default=None, metadata=OPTIONAL)
     discovered: Discovered | None = None
+    varies: tuple[Varies, ...] = ()
+    suggested: tuple[Suggested, ...] = ()
     unit: str | None = field(default=None, metadata=OPTIONAL)
     fitted: Mapping[str, Parameter] | None = field(default=None, metadata=OPTIONAL)
     lacks: Mapping[str, str] | None = field(default=None, metadata=OPTIONAL)

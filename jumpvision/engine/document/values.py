@@ -28,6 +28,17 @@ class Status(StrEnum):
     UNDETERMINED = "undetermined"
 
 
+class Pattern(StrEnum):
+    """How a number that was taken for constant differs between recordings: a few stand apart, two levels before and
+    after, a straight line, a function of what is known of them, or without any order."""
+
+    ODD = "odd"
+    STEP = "step"
+    DRIFT = "drift"
+    FUNCTION = "function"
+    SCATTER = "scatter"
+
+
 class Agreement(StrEnum):
     """Whether a quantity is the same by the motions and by another measurement."""
 
@@ -126,6 +137,43 @@ class Cause:
     def words(self) -> str:
         """The parameters, each with its 90 % interval."""
         return ", ".join(f"{name} = {p}" for name, p in self.parameters.items())
+
+
+@dataclass(frozen=True)
+class Varies:
+    """A number that was taken for constant and is not.
+
+    of: what it goes with ("order", "time", "session", "frequency", "amplitude", "delay", "volume_fraction", a label);
+    None where some stand apart or it has no order. recordings: those that stand apart; of a step those after it.
+    value: of those (odd, step), at the last one (drift, function), the standard deviation (scatter), with its 90 %
+    interval; declared: of the others. each: value and sigma of every recording by itself, for the picture.
+    """
+
+    parameter: str
+    kind: Pattern
+    of: str | None
+    recordings: tuple[str, ...]
+    value: float
+    low: float
+    high: float
+    unit: str
+    declared: float
+    p_value: float
+    established: bool
+    each: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    at: Mapping[str, float | str] = field(default_factory=dict)
+    source: str = ""
+
+
+@dataclass(frozen=True)
+class Suggested:
+    """A line that would mend it, written only where the user accepts it. file: relative to the campaign."""
+
+    file: str
+    section: str
+    key: str
+    value: float | str | bool
+    why: str
 
 
 @dataclass(frozen=True)
