@@ -176,7 +176,7 @@ def weighed(search: Search, best: Key, trust: float) -> tuple[tuple[Explanation,
     more = supersets(search, best)
     sets = [*keys, *(best | {m} for m in more)]
     evidence = np.array([fits[k].log_evidence for k in keys] + [fits[best].log_evidence + x for x in more.values()])
-    prior = np.array([log_prior(len(k), len(problem.system.candidates)) for k in sets])
+    prior = np.array([log_prior(k, problem.system.candidates) for k in sets])
     size = np.array([len(k) for k in sets])
     weights = []
     for factor in PRIORS:

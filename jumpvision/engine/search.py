@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -17,7 +17,7 @@ from jumpvision.base.arrays import Array
 
 from .detect import Detection, Direction, detect, directions
 from .fitting import Fit, Problem
-from .system import Costly, Parameter
+from .system import Candidate, Costly, Parameter
 
 MOST = 4  # mechanisms in a set
 ONES, TWOS = 4, 4  # extensions of a set by one mechanism, and by two, that its residuals ask for
@@ -32,10 +32,13 @@ Key = frozenset[str]
 Enough = Callable[["Search"], bool]
 
 
-def log_prior(size: int, vocabulary: int) -> float:
+def log_prior(chosen: Collection[str], candidates: Mapping[str, Candidate]) -> float:
     """ln of the probability of a set before the data: every number of causes from 0 to MOST alike, and every set of
-    one number alike."""
-    return -math.log((min(MOST, vocabulary) + 1) * math.comb(vocabulary, size))
+    one number alike. What was chosen among many counts as one of them, at its price."""
+    bought = [c.price for c in candidates.values() if c.price > 0.0]
+    vocabulary = len(candidates) - len(bought) + (1 if bought else 0)
+    price = sum(candidates[m].price for m in chosen)
+    return -math.log((min(MOST, vocabulary) + 1) * max(math.comb(vocabulary, len(chosen)), 1)) - price
 
 
 class Search:
@@ -80,7 +83,7 @@ class Search:
     # -- what is known ---------------------------------------------------------------------------------------------
     def log_probability(self, key: Key) -> float:
         """ln of a set's probability after the data, up to a constant."""
-        return self.fits[key].log_evidence + log_prior(len(key), len(self.problem.system.candidates))
+        return self.fits[key].log_evidence + log_prior(key, self.problem.system.candidates)
 
     def ranked(self, size: int) -> list[Key]:
         """The sets of a size, the likeliest first."""

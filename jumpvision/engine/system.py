@@ -69,7 +69,7 @@ class Candidate:
     shapes: sets of shape parameters at which its effect is tried first (their order: that of the parameters).
     replaces: a term that it takes the place of (then there is no strength at which it is absent).
     drops: parameters that are nobody's when that term is gone. goes_with: mechanisms of one cause with it, always tried
-    as a pair.
+    as a pair. price: ln of how many like it were looked at before it was chosen.
     """
 
     parameters: tuple[Parameter, ...]
@@ -78,6 +78,7 @@ class Candidate:
     replaces: str = ""
     drops: tuple[str, ...] = ()
     goes_with: tuple[str, ...] = ()
+    price: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,11 @@ from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
 from jumpvision.base.threads import at_once
 from jumpvision.engine.system import Candidate, Indexed, Observation, Parameter
+from jumpvision.engine.vary.apart import predicted, variable
+from jumpvision.engine.vary.candidates import candidate as pattern_candidate
+from jumpvision.engine.vary.candidates import changes_of
+from jumpvision.engine.vary.patterns import Pattern, Weighed
+from jumpvision.engine.vary.variables import Changes, Variable, faults_of, shown_each
 from jumpvision.jumper.mechanisms.own import parameters_with
 from jumpvision.jumper.mechanisms.record import Body, Mechanism
 from jumpvision.jumper.mechanisms.registry import MECHANISMS, PARAMETERS, acting
@@ -24,6 +29,7 @@ from jumpvision.jumper.physics.forcing import Forcing, Loop, Segments, Spline
 from jumpvision.jumper.physics.model import BED, ROBOT, Model
 from jumpvision.jumper.physics.sand.jump import Motion, Tracks, simulate
 
+from .apart import changed, driven, variables_of
 from .jumps import Jump, coarseness, common, common_error, groups, observation
 
 RTOL, ATOL = 1e-7, 1e-9  # motions are right to some 5e-8 m, derivatives to 0.3 %; ten times finer takes twice as long
@@ -67,6 +73,7 @@ class Jumper:
         self.bases = {g: knowing(next(j.model for j in self.jumps if j.model.ground == g), own) for g in grounds}
         _agree(self.bases)
         self.scattering: tuple[str, ...] = SCATTER
+        self.patterns: Mapping[str, Pattern] = {}
         self.workers = workers
         self.latest = Latest()
         self.apart = self._declared_apart({*fit, *sigma})
@@ -124,6 +131,27 @@ class Jumper:
         out.candidates = {**self.candidates, **{m.name: candidate(m, out.model, {}) for m in own}}
         return out
 
+    @property
+    def variables(self) -> dict[str, Variable]:
+        """Numbers of the robot, the ground and the drive that jumps may differ in."""
+        return variables_of(self.jumps)
+
+    def varying(self, weighed: Sequence[Weighed], log_price: float = 0.0) -> Jumper:
+        """The same jumps with these patterns, by which numbers differ between them, beside the vocabulary."""
+        out = copy.copy(self)
+        out.latest = Latest()
+        out.patterns = {**self.patterns, **{w.pattern.name: w.pattern for w in weighed}}
+        added = {w.pattern.name: pattern_candidate(w, log_price) for w in weighed}
+        out.candidates = {**self.candidates, **added}
+        return out
+
+    def scattered(self, name: str) -> Jumper:
+        """The same jumps, which may differ in this number without order."""
+        out = copy.copy(self)
+        out.latest = Latest()
+        out.scattering = (*self.scattering, name)
+        return out
+
     def _free(
         self, name: str, limits: tuple[float, float] | None, sigma: float | None, given: float | None = None
     ) -> Parameter:
@@ -148,6 +176,8 @@ class Jumper:
         """The first model on a ground with these mechanisms and values; default as `model`. Raises InputError where it
         cannot be."""
         base = self.bases[ground] if ground else self.model
+        mechanisms = tuple(m for m in mechanisms if m not in self.patterns)
+        values = {n: v for n, v in values.items() if ":" not in n} if self.patterns else values
         mechanisms = tuple(m for m in mechanisms if base.ground in base.mechanism(m).grounds)
         own_values = self._of_bed(base, values)
         values = {n: v for n, v in values.items() if n not in SCATTER and not isinstance(n, Indexed)} | own_values
@@ -226,6 +256,8 @@ class Jumper:
         self, mechanisms: tuple[str, ...], sets: Sequence[Mapping[str, float]], which: Sequence[int]
     ) -> list[list[Array]]:
         """`predict` of several sets of values: one call of the solver, which other threads need not wait for."""
+        if any(m in self.patterns for m in mechanisms):
+            return [self.predict_apart(mechanisms, s, {}, which) for s in sets]
         t = self.tracks.t
         out, times = np.full((len(sets), t.size), np.nan), np.empty((len(sets), t.size))
         asked: list[tuple[int, int, Model]] = []  # jump, lane, model
@@ -263,6 +295,40 @@ class Jumper:
             said.append([self._reported(i, heights[self.tracks.places[like[i]]], values) for i in which])
         return said
 
+    def predict_apart(
+        self, mechanisms: tuple[str, ...], values: Mapping[str, float], changes: Changes, which: Sequence[int]
+    ) -> list[Array]:
+        """`predict` with a change of each jump's own, beside those of the patterns among the mechanisms."""
+        own = changes_of(self.patterns, mechanisms, values, len(self.jumps))
+        changes = {**own, **{n: c + own.get(n, 0.0) for n, c in changes.items()}}
+        tracks = driven(self.tracks, self.jumps, changes)
+        t = tracks.t
+        out, times = np.full((1, t.size), np.nan), np.empty((1, t.size))
+        try:
+            models = {g: self.build(mechanisms, values, g) for g in self.bases}
+            each = [self._own(models[j.model.ground], j, values) for j in map(self.jumps.__getitem__, which)]
+            each = [changed(m, changes, i) for m, i in zip(each, which)]
+        except InputError:
+            return [np.full(self.observations[i].t.size, np.nan) for i in which]
+        film = models[self.model.ground]
+        times[0] = film.shown(t) - values.get("start", 0.0)
+        for i in which:
+            k, here = self.apparatus[i], tracks.places[i]
+            times[0, here] += common_error(values, "offset", k) + common_error(values, "rate", k) * t[here]
+
+        def follow(places: Sequence[int]) -> None:
+            some, lanes = [which[k] for k in places], [0] * len(places)
+            tracks.heights(some, lanes, [each[k] for k in places], times, out, rtol=RTOL, atol=ATOL)
+
+        shares = [part for k in range(self.workers) if (part := range(len(which))[k :: self.workers])]
+        try:
+            at_once([partial(follow, part) for part in shares], self.workers)
+        except ValueError:
+            out[:] = np.nan
+        heights = film.filmed(out[0], t)
+        said = [self._reported(i, heights[tracks.places[i]], values) for i in which]
+        return shown_each(self.observations, said, faults_of(changes), which)
+
     def _alike(self, models: Iterable[Model]) -> Alike:
         """What of the jumps is one: trials made alike are simulated once, whatever of their beds no law asks for."""
         beds = frozenset(n for m in models for n in m.beds)
@@ -290,9 +356,15 @@ class Jumper:
         steps = {"start": 1e-5, **({"bed": 1e-3} if "granular" in self.bases else {})}
         steps = {n: h for n, h in steps.items() if n in self.scattering}
         out: dict[str, list[Array]] = {}
-        if not steps:
+        if not self.scattering:
             return out
         at = self.predict(mechanisms, values, which)
+        for name in (n for n in self.scattering if n not in SCATTER):
+            step = variable(self, name).step
+            moved = predicted(self, mechanisms, values, {name: np.full(len(self.jumps), step)}, which)
+            out[name] = [(b - a) / step for a, b in zip(at, moved)]
+        if not steps:
+            return out
         sets = self.predict_each(mechanisms, [{**values, n: h} for n, h in steps.items()], which)
         for (name, step), moved in zip(steps.items(), sets):
             out[name] = [(b - a) / step for a, b in zip(at, moved)]

@@ -1,0 +1,286 @@
+"""A model whose recordings each have their own value of one number, fitted together with what they share.
+
+Gauss-Newton over the shared parameters and the N values; recordings touch each other through the shared ones alone, so
+one prediction gives the derivatives by all N values, and the Schur complement what is known of them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from jumpvision.base.arrays import Array
+from jumpvision.engine.fitting import STEP, Fit, Problem
+from jumpvision.engine.system import Costly, System
+
+from .variables import LOST, SINCE, Changes, Variable, Varying, faults_of, instruments, shown, shown_each
+
+LAPS = 15  # of Gauss-Newton at most; a recording that is far off is found by the grid before
+GRID = (-2.0, -1.0, -0.5, -0.2, 0.2, 0.5, 1.0, 2.0)  # spreads, at which a recording's first value is tried
+ENOUGH = 0.1  # a smaller expected fall of chi^2 ends the fit
+LOOSE = 3.0  # spreads: standard deviation that keeps a value which the recording does not tell from running away
+PLACES = 400  # instants at most at which frames may have been lost, evenly over a record
+
+
+@dataclass(frozen=True)
+class Apart:
+    """change: (N,) of every recording, at the best; information: (N, N) of them, whatever the shared parameters are.
+    chi2: of the whole model there. shared: the shared parameters. since: (N,) instants of lost frames [s], None for any
+    other number. free: it is one of the shared parameters too."""
+
+    variable: Variable
+    change: Array
+    information: Array
+    chi2: float
+    shared: Array
+    since: Array | None = None
+    free: bool = False
+
+    @property
+    def sigma(self) -> Array:
+        """(N,) standard uncertainty of each recording's change by itself, the shared parameters as they are."""
+        return 1.0 / np.sqrt(np.maximum(np.diag(self.information), 1e-300))
+
+
+def variables(system: System) -> dict[str, Variable]:
+    """All that may differ from recording to recording."""
+    own = dict(system.variables) if isinstance(system, Varying) else {}
+    return own | instruments(system.observations)
+
+
+def predicted(
+    system: System,
+    mechanisms: tuple[str, ...],
+    values: Mapping[str, float],
+    changes: Changes,
+    which: Sequence[int],
+) -> list[Array]:
+    """What a system predicts of these recordings with the changes of each, the instrument's applied to what it says."""
+    faults = faults_of(changes)
+    inner = {n: c for n, c in changes.items() if n not in faults}
+    if isinstance(system, Varying) and (inner or not isinstance(system, Costly)):
+        return system.predict_apart(mechanisms, values, changes, which)
+    return shown_each(system.observations, system.predict(mechanisms, values, which), faults, which)
+
+
+class Each:
+    """The residuals of a fit's model with each recording's own value of one number."""
+
+    def __init__(self, problem: Problem, fit: Fit, variable: Variable, since: Array | None = None) -> None:
+        self.problem, self.fit, self.variable, self.since = problem, fit, variable, since
+        self.count = len(problem.all)
+
+    def residuals(self, shared: Array, change: Array) -> list[Array] | None:
+        """Whitened, by recording; None where the model cannot be followed."""
+        names = [p.name for p in self.fit.parameters]
+        changes = {self.variable.name: change} | ({} if self.since is None else {SINCE: self.since})
+        system = self.problem.system
+        values = dict(zip(names, shared.tolist()))
+        y = predicted(system, self.fit.mechanisms, values, changes, self.problem.all)
+        if not all(np.isfinite(a).all() for a in y):
+            return None
+        each = zip(self.problem.whitening, system.observations, y, self.fit.frame)
+        return [w.whitened(o.y - a, f) for w, o, a, f in each]
+
+    def columns(self, shared: Array, change: Array, at: list[Array]) -> list[Array] | None:
+        """d(prediction)/d(change), by recording."""
+        h = self.variable.step
+        for step in (h, -h):
+            there = self.residuals(shared, change + step)
+            if there is not None:
+                return [(a - b) / step for a, b in zip(at, there)]
+        return None
+
+    def jacobian(self, shared: Array, change: Array, at: list[Array]) -> list[Array]:
+        """d(prediction)/d(shared parameter); of a system whose runs are dear as the fit had it."""
+        free = self.fit.parameters
+        if isinstance(self.problem.system, Costly):
+            return self.fit.jacobian
+        out = [np.zeros((a.size, len(free))) for a in at]
+        for k, p in enumerate(free):
+            step = -STEP * p.scale if shared[k] + STEP * p.scale > p.high else STEP * p.scale
+            moved = shared.copy()
+            moved[k] += step
+            if (there := self.residuals(moved, change)) is not None:
+                for o, a, b in zip(out, at, there):
+                    o[:, k] = (a - b) / step
+        return out
+
+
+@dataclass(frozen=True)
+class _Normal:
+    """The equations of Gauss-Newton at a point: step of the shared parameters and of the changes."""
+
+    inner: Array  # (p, p) of the shared parameters
+    mixed: Array  # (p, N)
+    own: Array  # (N,)
+    slope: Array  # (p,)
+    pull: Array  # (N,)
+    free: Array  # (shared,) which of the shared parameters these are
+
+    def without(self, fixed: Array) -> _Normal:
+        """The same with some of the shared parameters as they are."""
+        kept = ~fixed
+        return _Normal(self.inner[np.ix_(kept, kept)], self.mixed[kept], self.own, self.slope[kept], self.pull, kept)
+
+    @property
+    def information(self) -> Array:
+        return np.asarray(np.diag(self.own) - self.mixed.T @ self._solved(self.mixed))
+
+    def _solved(self, x: Array) -> Array:
+        return np.asarray(np.linalg.solve(self.inner, x)) if self.inner.size else x
+
+    def step(self, loose: float) -> tuple[Array, Array]:
+        right = self.pull - self.mixed.T @ self._solved(self.slope)
+        change = scipy.linalg.solve(self.information + loose * np.eye(self.own.size), right, assume_a="sym")
+        return self._solved(self.slope - self.mixed @ change), np.asarray(change)
+
+
+def _normal(each: Each, shared: Array, change: Array, at: list[Array], loose: float) -> _Normal | None:
+    columns = each.columns(shared, change, at)
+    if columns is None:
+        return None
+    jac, known = each.jacobian(shared, change, at), each.fit.known
+    inner = sum((j.T @ j for j in jac), known.precision)
+    inner = inner + 1e-9 * np.diag(np.diag(inner)) + 1e-300 * np.eye(shared.size)
+    slope = sum((j.T @ a for j, a in zip(jac, at)), known.rows.T @ known.pull(shared))
+    mixed = np.stack([j.T @ c for j, c in zip(jac, columns)], axis=1)
+    own = np.array([float(c @ c) for c in columns])
+    pull = np.array([float(c @ a) for c, a in zip(columns, at)]) - loose * change
+    whole = _Normal(inner, mixed, own, slope, pull, np.ones(shared.size, bool))
+    fixed = np.zeros(shared.size, bool)
+    for _ in range(shared.size):  # what would step over an end of its range stays there
+        step = np.zeros(shared.size)
+        step[~fixed] = whole.without(fixed).step(loose)[0]
+        over = [p.at_end(x) and not p.low <= x + d <= p.high for p, x, d in zip(each.fit.parameters, shared, step)]
+        if not np.any(over & ~fixed):
+            break
+        fixed |= over
+    return whole.without(fixed)
+
+
+def linear(problem: Problem, fit: Fit, variable: Variable, since: Array | None = None) -> Apart | None:
+    """The same about the fit itself, by one prediction: chi2 as the linear model foretells it. None where the number
+    changes nothing or cannot be changed."""
+    each = Each(problem, fit, variable, since)
+    start = np.zeros(each.count)
+    normal = _normal(each, fit.values, start, fit.residuals, 0.0)
+    if normal is None or not normal.own.any():
+        return None
+    loose = (LOOSE * variable.spread) ** -2
+    change = normal.step(loose)[1]
+    right = normal.pull - normal.mixed.T @ normal._solved(normal.slope)
+    fall = float(2.0 * right @ change - change @ normal.information @ change)
+    return Apart(variable, change, normal.information, fit.chi2 - fall, fit.values, since)
+
+
+def apart(
+    problem: Problem, fit: Fit, variable: Variable, since: Array | None = None, start: Apart | None = None
+) -> Apart | None:
+    """The fit of all values together, from an earlier one where it is given. None as of `linear`."""
+    each = Each(problem, fit, variable, since)
+    loose = (LOOSE * variable.spread) ** -2
+    shared, at = (fit.values if start is None else start.shared).copy(), list(fit.residuals)
+    change = _first(each, shared, at) if start is None else start.change
+    if (there := each.residuals(shared, change)) is None:
+        change = np.zeros(each.count)
+    else:
+        at = there
+    low, high = (np.array([getattr(p, end) for p in fit.parameters]) for end in ("low", "high"))
+
+    def cost(r: list[Array], a: Array, x: Array) -> float:
+        pull = fit.known.pull(a)
+        return float(sum(b @ b for b in r) + pull @ pull + loose * x @ x)
+
+    best = cost(at, shared, change)
+    for _ in range(LAPS):
+        normal = _normal(each, shared, change, at, loose)
+        if normal is None:
+            return None
+        da, dx = normal.step(loose)
+        full = np.zeros(shared.size)
+        full[normal.free] = da
+        share = np.ones(each.count)
+        whole, gained = 1.0, 0.0
+        for _ in range(6):
+            moved = np.clip(shared + whole * full, low, high)
+            new = np.maximum(change + share * np.clip(dx, -variable.spread, variable.spread), variable.least)
+            there = each.residuals(moved, new)
+            if there is not None and (c := cost(there, moved, new)) < best:
+                gained, best, shared, change, at = best - c, c, moved, new, there
+                break
+            if there is None:
+                share *= 0.3
+            else:
+                worse = np.array([b @ b > a @ a for a, b in zip(at, there)])
+                share = np.where(worse, 0.3 * share, share)
+            whole *= 0.5
+        if gained < ENOUGH:
+            break
+    normal = _normal(each, shared, change, at, 0.0)
+    if normal is None or not normal.own.any():
+        return None
+    free_too = variable.name in {p.name for p in fit.parameters}
+    left = best - float(loose * change @ change)
+    return Apart(variable, change, _definite(normal.information), left, shared, since, free_too)
+
+
+def _definite(information: Array) -> Array:
+    """The nearest that is symmetric and not negative: the shared parameters can mimic some of the changes wholly."""
+    values, vectors = np.linalg.eigh(0.5 * (information + information.T))
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
+
+
+def _first(each: Each, shared: Array, at: list[Array]) -> Array:
+    """The best of a few values for every recording by itself."""
+    best = np.array([float(a @ a) for a in at])
+    change = np.zeros(each.count)
+    if isinstance(each.problem.system, Costly):
+        return change
+    for factor in GRID:
+        x = max(factor * each.variable.spread, each.variable.least)
+        if (there := each.residuals(shared, np.full(each.count, x))) is None:
+            continue
+        cost = np.array([float(a @ a) for a in there])
+        better = cost < 0.7 * best  # a value beside the minimum would do as well
+        change[better], best[better] = x, cost[better]
+    return change
+
+
+def lost_frames(problem: Problem, fit: Fit) -> Apart | None:
+    """The fit of frames lost, sought anew where they went missing once the shared parameters are free of them."""
+    variable = instruments(problem.system.observations)[LOST]
+    since = _lost_since(problem, fit, fit.values)
+    found = apart(problem, fit, variable, since)
+    for _ in range(2):
+        if found is None or np.array_equal(again := _lost_since(problem, fit, found.shared), since):
+            break
+        since = again
+        found = apart(problem, fit, variable, since, found)
+    return found
+
+
+def _lost_since(problem: Problem, fit: Fit, shared: Array) -> Array:
+    """(N,) when in each recording frames were lost, if any were [s]: where a shift of all that follows takes most."""
+    system, step = problem.system, 1.0
+    values = dict(zip((p.name for p in fit.parameters), shared.tolist()))
+    predictions = system.predict(fit.mechanisms, values, problem.all)
+    out = np.zeros(len(problem.all))
+    for i, (o, y) in enumerate(zip(system.observations, predictions)):
+        places = o.t[:: max(1, o.t.size // PLACES)]
+        late = shown(o, y, {LOST: step}, -math.inf) - y  # of a record whose every frame comes late
+        moved = late[:, None] * (o.t[:, None] >= places)
+        white, frame = problem.whitening[i], fit.frame[i]
+        columns, residual = white.whitened(moved, frame), white.whitened(o.y - y, frame)
+        size = np.sum(columns * columns, axis=0)
+        out[i] = places[int(np.argmax((columns.T @ residual) ** 2 / np.maximum(size, 1.0)))]
+    return out
+
+
+def variable(system: System, name: str) -> Variable:
+    """One of them. Raises KeyError for another name."""
+    return variables(system)[name]

@@ -1,0 +1,49 @@
+"""Patterns as candidates beside the mechanisms: fitted, tested and weighed as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from jumpvision.base.arrays import Array
+from jumpvision.engine.system import Candidate, Parameter
+
+from .patterns import Pattern, Weighed
+from .variables import SINCE, Changes
+
+FAR = 8.0  # spreads: as far as a coefficient may go
+
+
+def coefficient(name: str, k: int) -> str:
+    """Name of a pattern's k-th coefficient as a parameter."""
+    return f"{name}:{k}"
+
+
+def candidate(w: Weighed, log_price: float) -> Candidate:
+    """log_price: of the number, among those asked of, and of the kind."""
+    pattern = w.pattern
+    free = tuple(
+        Parameter(
+            coefficient(pattern.name, k), 0.0, max(-FAR * v.spread, v.least), FAR * v.spread, 0.3 * v.spread, v.spread
+        )
+        for k, v in enumerate(pattern.variables)
+    )
+    shape = tuple(float(x) for x in w.coefficients[1:])
+    return Candidate(free, shapes=(shape,), price=log_price + pattern.log_price)
+
+
+def changes_of(
+    patterns: Mapping[str, Pattern], mechanisms: Sequence[str], values: Mapping[str, float], count: int
+) -> Changes:
+    """What these patterns change in every recording; of one number several add up."""
+    out: dict[str, Array] = {}
+    for m in mechanisms:
+        if (p := patterns.get(m)) is None:
+            continue
+        b = np.array([values.get(coefficient(m, k), 0.0) for k in range(p.design.shape[1])])
+        for n, c in p.changes(b).items():
+            out[n] = out.get(n, np.zeros(count)) + c
+        if p.since is not None:
+            out[SINCE] = p.since
+    return out

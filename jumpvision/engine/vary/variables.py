@@ -1,0 +1,124 @@
+"""Numbers that were taken for constant over all recordings, and systems that let each recording have its own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol, Self, runtime_checkable
+
+import numpy as np
+
+from jumpvision.base.arrays import Array
+from jumpvision.engine.system import Observation, System
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A number of the model, the drive or the instrument, as far as recordings may differ in it.
+
+    declared: its value; unit. relative: a change is a share of the declared value, else it is in the unit.
+    spread: how far a recording may plausibly be off, a standard deviation [as a change]. step: a change small enough
+    for derivatives. least: changes below are impossible. whole: changes are whole numbers (frames).
+    """
+
+    name: str
+    declared: float
+    unit: str
+    spread: float
+    step: float
+    relative: bool = True
+    least: float = -math.inf
+    whole: bool = False
+
+    def value(self, change: float) -> float:
+        """The number itself, of a change."""
+        return self.declared * (1.0 + change) if self.relative else self.declared + change
+
+    @property
+    def size(self) -> float:
+        """Of the number, a change of 1."""
+        return abs(self.declared) if self.relative else 1.0
+
+
+Changes = Mapping[str, Array]  # by the name of a variable: the change in every recording (all of them,)
+
+
+@runtime_checkable
+class Varying(System, Protocol):
+    """A system whose recordings may each have their own values of what is else constant."""
+
+    @property
+    def variables(self) -> Mapping[str, Variable]: ...
+
+    def predict_apart(
+        self, mechanisms: tuple[str, ...], values: Mapping[str, float], changes: Changes, which: Sequence[int]
+    ) -> list[Array]:
+        """`predict` with these changes; NaN where it cannot be said."""
+        ...
+
+    def varying(self, patterns: Mapping[str, object]) -> Self:
+        """The same with these patterns as further candidates (engine.vary.candidates)."""
+        ...
+
+
+# -- the instrument: of any system, from what it predicts ------------------------------------------------------------
+SCALE, OFFSET, RATE, LOST = "scale", "clock_offset", "clock_rate", "lost_frames"
+SINCE = "lost_since"  # beside lost frames: when, in every recording [s]
+
+
+def instruments(observations: Sequence[Observation]) -> dict[str, Variable]:
+    """What a camera or a clock may have wrong in a recording."""
+    frame = float(np.median([np.median(np.diff(o.t)) for o in observations]))
+    return {
+        SCALE: Variable(SCALE, 1.0, "1", 0.05, 1e-4, least=-0.9),
+        OFFSET: Variable(OFFSET, 0.0, "s", 3.0 * frame, 0.02 * frame, relative=False),
+        RATE: Variable(RATE, 1.0, "1", 0.02, 1e-5, least=-0.9),
+        LOST: Variable(LOST, 0.0, "frames", 2.0, 0.05, relative=False, whole=True),
+    }
+
+
+def shown(o: Observation, y: Array, faults: Mapping[str, float], since: float) -> Array:
+    """What an instrument with these faults shows of a motion y (n,) that the true one reads at o.t.
+
+    faults: changes by the names of `instruments`. A frame stamped t shows t + offset + rate (t - first); frames that
+    were lost at `since` [s] leave the later stamps behind by as many.
+    """
+    scale, offset, rate, lost = (faults.get(n, 0.0) for n in (SCALE, OFFSET, RATE, LOST))
+    if offset or rate or lost:
+        y = y.copy()
+        for block in [b.readings for b in o.blocks] or [slice(0, o.t.size)]:
+            t = o.t[block]
+            at = t + offset + rate * (t - t[0]) + lost * float(np.median(np.diff(t))) * (t >= since)
+            y[block] = _at(t, y[block], at)
+    return (1.0 + scale) * y
+
+
+def _at(t: Array, y: Array, at: Array) -> Array:
+    """y (n,) at other times, by a cubic spline that goes on for BEYOND samples past its ends."""
+    if t.size < 4 or not np.all(np.isfinite(y)):
+        return np.full(at.shape, np.nan)
+    from scipy.interpolate import CubicSpline
+
+    past = BEYOND * float(np.median(np.diff(t)))
+    return np.asarray(CubicSpline(t, y)(np.clip(at, t[0] - past, t[-1] + past)))
+
+
+BEYOND = 3.0
+INSTRUMENT = (SCALE, OFFSET, RATE, LOST)
+
+
+def faults_of(changes: Changes) -> Changes:
+    """Those of the changes that are the instrument's."""
+    return {n: c for n, c in changes.items() if n in (*INSTRUMENT, SINCE)}
+
+
+def shown_each(
+    observations: Sequence[Observation], said: Sequence[Array], faults: Changes, which: Sequence[int]
+) -> list[Array]:
+    """What the instruments of these recordings show of what is said of them."""
+    if not faults:
+        return list(said)
+    since = faults.get(SINCE, np.zeros(len(observations)))
+    mine = [{n: float(c[i]) for n, c in faults.items() if n != SINCE} for i in which]
+    return [shown(observations[i], y, f, float(since[i])) for i, y, f in zip(which, said, mine)]
