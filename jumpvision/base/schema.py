@@ -13,6 +13,7 @@ import functools
 import math
 import types
 from collections.abc import Iterable, Mapping
+from datetime import datetime
 from pathlib import Path
 from typing import Any, ClassVar, Union, get_args, get_origin, get_type_hints
 
@@ -138,6 +139,9 @@ def check_value(value: object, hint: type, meta: Toml) -> tuple[object, str]:
             return value, f"must be text in quotes ({meta['meaning']})"
         if meta["choices"] and value not in meta["choices"]:
             return value, f"must be {allowed(meta)} ({meta['meaning']})"
+    elif base is datetime:
+        if not isinstance(value, datetime):
+            return value, f"must be a date with a time, not in quotes: 2026-11-25T10:02:00 ({meta['meaning']})"
     elif base is dict:
         if not isinstance(value, Mapping) or not all(isinstance(v, str) for v in value.values()):
             return value, f"must be a table of texts ({meta['meaning']})"
@@ -209,7 +213,7 @@ def table_of(cls: type) -> list[dict[str, str]]:
         if not f.metadata or dataclasses.is_dataclass(base):
             continue
         m = f.metadata
-        words = {bool: "true, false", str: "text", tuple: "list", dict: "table"}
+        words = {bool: "true, false", str: "text", tuple: "list", dict: "table", datetime: "date, time"}
         unbounded = not m["choices"] and math.isinf(m["lo"]) and math.isinf(m["hi"])
         rows.append(
             {

@@ -14,6 +14,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -22,6 +23,7 @@ from numpy.typing import ArrayLike
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
 from jumpvision.engine.priors import Measured
+from jumpvision.engine.series import seconds
 from jumpvision.engine.system import Parameter as Free
 
 from .forms import REACH, SHARE, Form, forms
@@ -42,7 +44,9 @@ class Recording:
     inputs: anything the simulator needs (a logged force, a start), by name. labels: by which a misfit is told (kind of
     motion, mass, ...). group: recordings of one condition made alike (default: its own); condition: what is held out
     together (default: the group). sigma: stated noise of every reading, shaped as the values.
-    parts: (n,) name of the part of the motion of each sample.
+    parts: (n,) name of the part of the motion of each sample. order, recorded (a datetime, or seconds), session: its
+    place in the series, when it was made, the day or person or set-up it belongs to; with the labels they tell what a
+    number goes with that differs between recordings. source: from where the order is known, to be said with it.
 
     Example: jv.Recording("swing 1", time_s, angle, inputs={"start": 0.3}, group="small")
     """
@@ -56,6 +60,10 @@ class Recording:
     condition: str = ""
     sigma: Any = None
     parts: Any = None
+    order: float | None = None
+    session: str = ""
+    recorded: datetime | float | None = None
+    source: str = ""
 
     def __post_init__(self) -> None:
         try:
@@ -66,22 +74,32 @@ class Recording:
             raise InputError(
                 [f"recording {self.name!r}: t must be four or more increasing times [s], one axis, not {self.t.shape}"]
             )
+        if not isinstance(self.recorded, datetime | int | float | None):
+            raise InputError([f"recording {self.name!r}: recorded = {self.recorded!r}: a datetime, or seconds"])
         if self.parts is not None and np.shape(self.parts) != self.t.shape:
             raise InputError([f"recording {self.name!r}: parts must name each of the {self.t.size} samples"])
+
+    @property
+    def time(self) -> float | None:
+        """When it was recorded [s] since any fixed instant."""
+        return seconds(self.recorded) if isinstance(self.recorded, datetime) else self.recorded
 
     @classmethod
     def of_table(
         cls, table: pd.DataFrame, channels: Sequence[str], *, by: str = "recording", time: str = "time_s", **more: Any
     ) -> list[Self]:
         """The recordings in a long table: a row a sample, the column `by` says of which recording. more: group=,
-        condition= name columns too; labels= and constants= (inputs) are lists of columns of which the first row counts,
-        inputs= of those that are given whole, (n,)."""
+        condition=, session=, order=, recorded= name columns too; labels= and constants= (inputs) are lists of columns
+        of which the first row counts, inputs= of those that are given whole, (n,)."""
         out = []
         for name, rows in table.groupby(by, sort=False):
             labels = {c: rows[c].iloc[0] for c in more.get("labels", ())}
             inputs = {c: rows[c].to_numpy() for c in more.get("inputs", ())}
             inputs |= {c: rows[c].iloc[0] for c in more.get("constants", ())}
-            like = {k: str(rows[c].iloc[0]) for k, c in more.items() if k in ("group", "condition")}
+            like: dict[str, Any] = {
+                k: str(rows[c].iloc[0]) for k, c in more.items() if k in ("group", "condition", "session")
+            }
+            like |= {k: rows[c].iloc[0] for k, c in more.items() if k in ("order", "recorded")}
             out.append(cls(str(name), rows[time].to_numpy(), rows[list(channels)].to_numpy(), inputs, labels, **like))
         return out
 

@@ -10,6 +10,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from numbers import Real
 
 import numpy as np
 import scipy
@@ -17,7 +18,8 @@ import scipy
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
 from jumpvision.engine.noise.whitening import Whitening, axes
-from jumpvision.engine.system import Block, Candidate, Observation, Parameter
+from jumpvision.engine.series import places
+from jumpvision.engine.system import Block, Candidate, Circumstances, Observation, Parameter
 
 from .learn import Readings
 from .processes import Ask
@@ -61,6 +63,7 @@ class Studied:
         scales |= {p.name: float(p.scale or p.sigma or 1.0) for p in self.each}
         self.scales = np.array([scales[n] for n in self.names])
         self.masks = [np.isfinite(r.of_channels(r.values, study.channels)) for r in self.recordings]
+        self.circumstances = circumstances(self.recordings)
         self.observations = [self._observation(i) for i in range(len(self.recordings))]
         self.white = [Whitening(readings.noise, o) for o in self.observations]
         self.steady = [axes(w.wander) for w in self.white]
@@ -135,6 +138,7 @@ class Studied:
             np.concatenate(spread),
             np.concatenate(parts),
             tuple(blocks),
+            self.circumstances[i],
         )
 
     def call_of(self, mechanisms: Sequence[str], values: Mapping[str, float]) -> tuple[int, Array] | None:
@@ -397,6 +401,19 @@ class Studied:
         at = values.get(p.name, p.start)
         ends = [self._turned(i, y, mechanisms, {**values, p.name: at + s * h}) for s in (1.0, -1.0)]
         return (ends[0] - ends[1]) / (2.0 * h)
+
+
+def circumstances(recordings: Sequence[Recording]) -> list[Circumstances]:
+    """When, by whom and with what each was recorded; ordered by time where no order is given."""
+    timed = places({str(i): t for i, r in enumerate(recordings) if (t := r.time) is not None})
+    given = any(r.order is not None for r in recordings)
+    out = []
+    for i, r in enumerate(recordings):
+        order = r.order if given else timed.get(str(i))
+        source = r.source or f"`{'order' if given else 'recorded'}` of the recordings"
+        labels = {n: x if isinstance(x, str) else float(x) for n, x in r.labels.items() if isinstance(x, str | Real)}
+        out.append(Circumstances(order, r.time, r.session or None, labels, "" if order is None else source))
+    return out
 
 
 def _start(start: object, recording: Recording) -> float:

@@ -74,7 +74,7 @@ class Question(NamedTuple):
             said = (j.name, j.model, j.stop, j.group, j.condition, j.law, sorted(j.labels.items()))
             arrays = (j.t, j.y, j.sigma, j.shared.lens)
             digest.update(repr(said).encode() + b"".join(b"-" if a is None else a.tobytes() for a in arrays))
-            digest.update(content(j.forcing) + repr(replace(j.shared, lens=None)).encode())
+            digest.update(content(j.forcing) + repr((replace(j.shared, lens=None), j.circumstances)).encode())
         return digest.hexdigest()
 
 

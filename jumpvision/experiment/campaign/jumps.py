@@ -26,6 +26,8 @@ from jumpvision.experiment.workflow.run import Outcome
 from jumpvision.experiment.workflow.stage import StageWarning
 from jumpvision.jumper.question.jumps import Jump, Shared
 
+from .circumstances import circumstances
+
 FEWEST, CONDITIONS = 4, 2  # jumps, and different conditions among them, that can tell anything
 LOGGED = "logged_motion"  # kind of a jump that only a motor log describes, such as a planned one
 
@@ -69,6 +71,7 @@ def load_jumps(experiments: list[Experiment], outcomes: Mapping[str, Outcome]) -
     jumps: list[Jump] = []
     first: dict[str, Experiment] = {}
     sand = any(e.ground == "granular" for e in experiments)
+    known = circumstances(experiments)
     for e in experiments:
         if sand and e.ground == "hard" and e.section(ModelSpec) is None:
             left_out.append(
@@ -89,7 +92,7 @@ def load_jumps(experiments: list[Experiment], outcomes: Mapping[str, Outcome]) -
         if not outcome.made(RodMotion):
             left_out.append(f"{e.name}: {outcome.errors[0] if outcome.errors else 'no track'}")
             continue
-        jumps.append(_jump(e, outcome))
+        jumps.append(replace(_jump(e, outcome), circumstances=known[e.name]))
     conditions = {j.condition for j in jumps}
     if len(jumps) < FEWEST or len(conditions) < CONDITIONS:
         raise InputError(

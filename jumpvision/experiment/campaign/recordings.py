@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 
 from jumpvision.base.schema import InputError, read
 from jumpvision.engine.study.study import Recording
 from jumpvision.experiment.inputs.experiment import Campaign
+from jumpvision.experiment.inputs.labels import Labels
 from jumpvision.experiment.inputs.parameters import SimulateParams
 from jumpvision.experiment.inputs.sections import Actuation, Motor, MotorLog
 from jumpvision.experiment.results.tables import RodMotion
@@ -19,6 +20,7 @@ from jumpvision.experiment.workflow.run import Outcome
 from jumpvision.experiment.workflow.stage import StageWarning
 from jumpvision.jumper.physics.forcing import Loop
 
+from .circumstances import circumstances
 from .jumps import states_noise
 
 
@@ -26,17 +28,18 @@ def recordings_of(campaign: Campaign, outcomes: Mapping[str, Outcome]) -> list[R
     """The tracks of a campaign's jumps as recordings of a simulator that is not ours.
 
     values: height above rest [m]; inputs: motor_time_s, motor_m, motor_stop_s where a motor is known, and every section
-    of the experiment by name ("robot", "bed", ...) as a dict; labels: kind, frequency, delay, volume_fraction.
+    of the experiment by name ("robot", "bed", ...) as a dict; labels: kind, frequency, delay, and [labels].
     Raises InputError where no experiment has a track.
     """
     out = []
+    known = circumstances(campaign.experiments)
     for e in campaign.experiments:
         outcome = outcomes.get(e.name)
         if outcome is None or not (outcome.results / RodMotion.file).exists():
             continue
         t, y, sigma = RodMotion.load(outcome.results).arrays
         law, log, motor = e.section(Actuation), e.section(MotorLog), e.section(Motor)
-        inputs: dict[str, object] = {n: asdict(x) for n, x in e.sections.items()}
+        inputs: dict[str, object] = {n: asdict(x) for n, x in e.sections.items() if n != Labels.name}
         if (law and law.moves) or log:
             p, _ = read(SimulateParams, e.params.get("simulate", {}), "")
             with warnings.catch_warnings():
@@ -49,8 +52,12 @@ def recordings_of(campaign: Campaign, outcomes: Mapping[str, Outcome]) -> list[R
         labels: dict[str, str | float | None] = {"kind": law.kind if law else "logged_motion"}
         labels |= {"frequency": law.frequency, "delay": law.delay} if law else {}
         group = e.header.group or e.name
-        known = sigma if states_noise(e) else None
-        out.append(Recording(e.name, t, y, inputs, labels, group, sigma=known))
+        if own := e.section(Labels):
+            labels |= own.values
+        c = known[e.name]
+        stated = sigma if states_noise(e) else None
+        made = Recording(e.name, t, y, inputs, labels, group, sigma=stated, order=c.order, recorded=c.time)
+        out.append(replace(made, session=c.session or "", source=c.source))
     if not out:
         raise InputError(
             [f"{campaign.path}: no experiment has a track ([rod_video] or [rod_track]): nothing to diagnose"]

@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 from jumpvision.base import notebook as reprs
 from jumpvision.base.schema import InputError, Toml, closest, read
 
+from .labels import Labels, labels_of
 from .model import considered_of, model_of, model_tables, own_of, read_toml
 from .names import alike, file_problem, name_problem
 from .overrides import TABLES
@@ -156,11 +157,35 @@ def open_campaign(
             excluded[experiment.name] = experiment.header.exclude
         else:
             found.append(experiment)
+    problems += _unlike(found)
     if not names and not problems:
         problems.append(f"{folder}: no experiment folders (folders with an {EXPERIMENT}) in this campaign")
     if problems:
         raise InputError(problems)
     return Campaign(folder, tuple(found), excluded)
+
+
+def _unlike(experiments: Iterable[Experiment]) -> list[str]:
+    """Problems of what cannot be compared: times of which only some say how far they are from UTC, labels that are
+    numbers here and words there."""
+    first: dict[str, dict[str, tuple[Experiment, object]]] = {}
+    for e in experiments:
+        for key, kind, value in _comparable(e):
+            first.setdefault(key, {}).setdefault(kind, (e, value))
+    return [
+        f"{e.path / EXPERIMENT}: {key} = {value!s}: {kind}; {other} in {named.name}: must be alike in all"
+        for key, kinds in first.items()
+        if len(kinds) == 2
+        for (other, (named, _)), (kind, (e, value)) in [kinds.items()]
+    ]
+
+
+def _comparable(e: Experiment) -> Iterator[tuple[str, str, object]]:
+    """(key, in words what kind of value, the value) of what is compared between experiments."""
+    if (at := e.header.recorded) is not None:
+        yield "recorded", "with an offset from UTC" if at.tzinfo else "without an offset from UTC", at
+    for name, value in labels.values.items() if (labels := e.section(Labels)) else ():
+        yield f"[labels] {name}", "words" if isinstance(value, str) else "a number", value
 
 
 def open_folder(
@@ -202,8 +227,11 @@ def _defaults(folder: Path) -> tuple[tuple[Path | None, dict[str, Any]], list[st
     if not file.exists():
         return (None, {}), []
     table, problems = read_toml(file)
-    if "name" in table:
-        problems.append(f"{file}: name = {table['name']!r}: an experiment's own key; remove it from {CAMPAIGN}")
+    problems += [
+        f"{file}: {key} = {table[key]!r}: an experiment's own key; remove it from {CAMPAIGN}"
+        for key in ("name", "recorded", "order")
+        if key in table
+    ]
     return (folder, table), problems
 
 
@@ -282,7 +310,9 @@ def _checked(table: Toml, where: str, file: Path | None = None) -> tuple[Header 
     mechanisms, more = own_of(written, f"{where} [mechanism]", file) if written else ({}, [])
     problems += more
     for key, value in tables.items():
-        if key in ("model", "diagnosis"):
+        if key == "labels":
+            sections[key], more = labels_of(value, f"{where} [{key}]")
+        elif key in ("model", "diagnosis"):
             parse = model_of if key == "model" else considered_of
             sections[key], more = parse(value, f"{where} [{key}]", written, mechanisms)
         elif key in SECTIONS:

@@ -12,7 +12,7 @@ from jumpvision.base.schema import InputError, closest
 from .parameters import PARAMS
 from .sections import SECTIONS
 
-TABLES = ("model", "mechanism", "diagnosis")  # beside SECTIONS: what is simulated and asked
+TABLES = ("model", "mechanism", "diagnosis", "labels")  # beside SECTIONS: their keys are not all known
 
 
 def overrides_of(settings: tuple[str, ...]) -> dict[str, dict[str, Any]]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from datetime import datetime
 from typing import ClassVar
 
 from jumpvision.base.schema import FileSection, MissingKey, NotApplicable, Section, need, param
@@ -200,6 +201,9 @@ class Header:
     ground: str = param("granular", "", "what the robot stands on", choices=("hard", "granular"))
     group: str = param("", "", "trials of one condition share a group")
     exclude: str = param("", "", "a reason: the experiment is skipped and listed with it")
+    recorded: datetime | None = param(None, "", "when it was recorded, with an offset from UTC or without")
+    session: str = param("", "", "the day, person or set-up that it was recorded with")
+    order: float | None = param(None, "", "its place in the series of recordings; default: by `recorded`")
     citation: str = param("", "", "how to cite the recordings: text, a DOI or an address")
     license: str = param("", "", "terms of use of the recordings: an SPDX identifier (CC-BY-4.0), an address or text")
 

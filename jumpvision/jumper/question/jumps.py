@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
 from jumpvision.engine.noise.noise import rounding_step, step_apart
-from jumpvision.engine.system import Indexed, Observation, Parameter
+from jumpvision.engine.system import Circumstances, Indexed, Observation, Parameter
 from jumpvision.jumper.physics.forcing import Forcing, Loop
 from jumpvision.jumper.physics.model import Model
 from jumpvision.jumper.physics.sand.jump import Motion
@@ -41,7 +41,7 @@ class Jump:
 
     stop: when the motor stops [s]. labels: kind, frequency, phi, ... to report by. law: the command is what drives.
     sigma: (n,) noise that the track itself states [m], if any. shared: what it has in common with others of its
-    apparatus.
+    apparatus. circumstances: when, by whom and with what it was recorded.
     """
 
     name: str
@@ -56,6 +56,7 @@ class Jump:
     labels: Mapping[str, object] = field(default_factory=dict)
     sigma: Array | None = None
     shared: Shared = field(default_factory=Shared)
+    circumstances: Circumstances = field(default_factory=Circumstances)
 
 
 def coarseness(jumps: Sequence[Jump]) -> float:
@@ -79,7 +80,14 @@ def observation(jump: Jump, motion: Motion, coarse: float) -> Observation:
         keep = keep[step_apart(motion.rod[-jump.t.size :][keep], coarse)]
     parts = parts_of(motion, jump)[-jump.t.size :][keep]
     return Observation(
-        jump.name, jump.t[keep], jump.y[keep], jump.group, jump.condition, labels=dict(jump.labels), parts=parts
+        jump.name,
+        jump.t[keep],
+        jump.y[keep],
+        jump.group,
+        jump.condition,
+        labels=dict(jump.labels),
+        parts=parts,
+        circumstances=jump.circumstances,
     )
 
 
