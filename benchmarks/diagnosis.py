@@ -113,7 +113,7 @@ def run(case: Case) -> dict[str, Any]:
         out["outcome"] = "false alarm" if found.discrepant else "right"
     else:
         problem, stops = Problem(system, noise, scatter), [j.stop for j in jumps]
-        d = Order(problem, rng, by=("kind",), stops=stops, shapes=lambda: Shaped(system)).all()
+        d = Order(problem, rng, by=("kind",), stops=stops, shapes=Shaped).all()
         data = diagnosis_of(d, learned)
         out |= {"p": data.p_value, "named": "+".join(data.named), "status": data.status}
         out |= score(data.values, answer)

@@ -38,7 +38,7 @@ def found() -> tuple[JumperLaw, Problem]:
     base = fit_baseline(problem, rng)
     test = detect(problem, base, directions(problem, base), rng)
     nothing = Naming((), Status.UNDETERMINED, Explanation(base, 1.0, 0.0), (), (), 1.0, {})
-    order = Order(problem, rng, laws=Laws(problem, JumperForms(system), silent))
+    order = Order(problem, rng, laws=lambda p: Laws(p, JumperForms(p.system), silent))
     law = order.beyond(Findings(learned.noise, base, test, [], nothing)).law
     assert law is not None
     return law, problem

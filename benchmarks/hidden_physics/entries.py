@@ -73,9 +73,8 @@ def ours(task: Task) -> Answer:
         folds.append((part, base, searched(part, base, rng)))
         return folds[-1][2]
 
-    laws = Laws(problem, JumperForms(system), silent)
-    shapes = lambda: Shaped(system)  # noqa: E731
-    found = Order(problem, rng, by=("kind",), stops=stops, laws=laws, shapes=shapes, choose=keep).all()
+    laws = lambda p: Laws(p, JumperForms(p.system), silent)  # noqa: E731
+    found = Order(problem, rng, by=("kind",), stops=stops, laws=laws, shapes=Shaped, choose=keep).all()
     d, law = diagnosis_of(found, learned), found.law
     chances = {c.mechanism: c.probability for c in d.causes}
     intervals = {n: (p.low, p.high) for c in d.causes if c.mechanism in d.named for n, p in c.parameters.items()}

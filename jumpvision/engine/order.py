@@ -6,9 +6,10 @@ forces, experiments not yet made) they hand over.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,12 +26,17 @@ from .worth.gain import Choose, Gain, extrapolation, gain
 
 if TYPE_CHECKING:  # imported where they are asked for: most questions end before
     from .unexplained import Shapes
+    from .vary.explain import Varies, Wider
     from .worth.design import Proposal
 
 STARTS = 6  # of the baseline's fit where runs cost; else four times as many, over the ranges of its parameters
 NEIGHBOURS = ("kind", "volume_fraction", "delay", "frequency")  # labels that order conditions
 HALVED = 4.0  # of chi^2, where the error is halved
-SEED, LAW_SEED = 1, 2  # of the look at generic forces, and of the folds by which a law's gain is judged
+SEED, LAW_SEED, VARY_SEED = (
+    1,
+    2,
+    3,
+)  # of the look at generic forces, of the folds by which a law's gain is judged, and of what varies
 
 Say = Callable[[str], None]
 
@@ -39,7 +45,8 @@ Say = Callable[[str], None]
 class Findings:
     """What is wrong with a model, or that nothing is. naming, gain, next_experiment: None for an adequate model.
 
-    law: of no list, that explains what the vocabulary does not; left: generic forces that describe it where there is
+    varies: what was taken for constant and is not. problem: that these findings are of, where it is
+    not the one that was looked at. law: of no list, that explains what the vocabulary does not; left: generic forces that describe it where there is
     none, None where nothing asks for them. detectable: of every mechanism that is not named, the strength that would
     have shown.
     """
@@ -55,6 +62,8 @@ class Findings:
     extrapolation: dict[str, Gain] | None = None
     next_experiment: Proposal | None = None
     detectable: tuple[Detectable, ...] = ()
+    varies: Varies | None = None
+    problem: Problem | None = field(default=None, repr=False)
 
     @property
     def adequate(self) -> bool:
@@ -83,7 +92,7 @@ class Order:
     """The steps of a questioning. What is handed over besides the problem:
 
     by: labels of the observations to report by; None: where the misfit lies is not asked. stops: time after which each
-    observation's apex counts [s]. laws: searches for a law of no list. shapes: generic forces. offered: experiments
+    observation's apex counts [s]. laws: makes the search for a law of no list. shapes: makes generic forces of a system. offered: experiments
     that could be made. choose: in place of the search over mechanisms where a gain is judged. say: is told what is
     being done. reached: is given what is found so far, for whoever may have to stop.
     """
@@ -92,12 +101,16 @@ class Order:
     rng: np.random.Generator
     by: Sequence[str] | None = ()
     stops: Sequence[float] | None = None
-    laws: Laws | None = None
-    shapes: Callable[[], Shapes] | None = None
+    laws: Callable[[Problem], Laws] | None = None
+    shapes: Callable[[Any], Shapes] | None = None
     offered: Offer | None = None
     choose: Choose | None = None
     say: Say = silent
     reached: Callable[[Findings], None] = silent
+
+    @functools.cached_property
+    def _laws(self) -> Laws | None:
+        return self.laws(self.problem) if self.laws else None
 
     def all(self) -> Findings:
         """Every step. Raises ValueError when the baseline cannot be followed on the data."""
@@ -114,7 +127,7 @@ class Order:
 
     def name(self, d: Findings) -> Findings:
         """What was looked at, with the mechanisms that explain it best, whatever the verdict."""
-        enough = self.laws.alone if self.laws else None
+        enough = self._laws.alone if self._laws else None
         return replace(d, naming=name(self.problem, d.baseline, d.detection, self.rng, enough))
 
     def explain(self, d: Findings) -> Findings:
@@ -123,18 +136,66 @@ class Order:
             return d
         self.reached(d)
         tried = len(self.problem.system.candidates)
-        self.say(f"discrepant (p = {d.detection.p_value:.2g}): trying {tried} mechanisms")
-        d = self.name(d)
-        self.reached(d)
-        return self.beyond(d)
+        self.say(f"discrepant (p = {d.detection.p_value:.2g}): asking which numbers vary")
+        wide = self._wider(d.baseline)
+        order = self if wide is None else replace(self, problem=wide.problem)
+        self.say(f"trying {tried} mechanisms")
+        found = order.name(replace(d, problem=order.problem))
+        if wide is not None:
+            found = order._decided(d, found, wide)
+        if found.adequate:
+            return found
+        if found.naming and found.naming.status != Status.COMPLETE and wide is not None:
+            order, found = order._again(found)
+        self.reached(found)
+        return order.beyond(found)
+
+    def _wider(self, about: Fit, worth: float | None = None) -> Wider | None:
+        from .vary import explain
+
+        rng = np.random.default_rng(VARY_SEED)
+        return explain.wider(self.problem, about, rng, explain.WORTH if worth is None else worth)
+
+    def _decided(self, d: Findings, found: Findings, wide: Wider) -> Findings:
+        """What is named, or scatter alone, or recordings set aside: whatever is likeliest and passes the test."""
+        from .vary import explain
+
+        rng, problem, naming = np.random.default_rng(VARY_SEED), self.problem, found.naming
+        assert naming is not None
+        complete = naming.status == Status.COMPLETE
+        gained = explain.gained(problem, naming.best.fit, d.baseline) if complete else 0.0
+        if (s := explain.scattered(self.problem, wide.screen, d.baseline, gained, rng)) is not None:
+            said = explain.Varies(scatter=s.scatter)
+            return replace(d, baseline=s.baseline, detection=s.detection, varies=said, problem=s.problem)
+        if complete or wide.odd is None:
+            return replace(found, varies=explain.Varies(explain.varied(problem, naming, d.baseline)))
+        part, fit, test = explain.aside(problem, wide.odd, rng)
+        return replace(d, varies=explain.Varies(aside=wide.odd.members), problem=part)
+
+    def _again(self, found: Findings) -> tuple[Order, Findings]:
+        """What is named with what varies about it, where that explains more."""
+        from .vary import explain
+
+        naming = found.naming
+        assert naming is not None
+        wide = self._wider(naming.best.fit, explain.SECOND)
+        if wide is None or wide.problem.system.candidates.keys() == self.problem.system.candidates.keys():
+            return self, found
+        self.say("asking which numbers vary beside these")
+        order = replace(self, problem=wide.problem)
+        more = order.name(replace(found, naming=None, problem=order.problem))
+        assert more.naming is not None
+        if more.naming.status == Status.UNDETERMINED:
+            return self, found
+        return order, replace(more, varies=explain.Varies(explain.varied(order.problem, more.naming, found.baseline)))
 
     def beyond(self, d: Findings) -> Findings:
         """What is named, with what describes the rest: a law of no list, else generic forces; nothing where nothing is
         left, or where no cause is likelier than chance."""
         n = d.naming
-        if n is None or n.status == Status.COMPLETE or n.by_chance:
+        if n is None or n.status == Status.COMPLETE or n.by_chance or (d.varies and d.varies.aside):
             return d
-        law = self.laws.law(d.baseline, n) if self.laws else None
+        law = self._laws.law(d.baseline, n) if self._laws else None
         if law and n.named and n.best.fit.chi2 < HALVED * law.fit.chi2:
             law = None  # beside named causes a law of no list that leaves nearly as much explains nothing
         return replace(d, law=law) if law else replace(d, left=self._generic(d.baseline, n))
@@ -146,11 +207,13 @@ class Order:
         rng = np.random.default_rng(SEED)
         from .unexplained import unexplained
 
-        return unexplained(self.problem, [base, n.best.fit], self.shapes(), rng) or Unexplained()
+        return unexplained(self.problem, [base, n.best.fit], self.shapes(self.problem.system), rng) or Unexplained()
 
     def foretell(self, d: Findings) -> Findings:
         """What is explained, with its gain on conditions held out, the next experiment, what might yet be hidden."""
-        problem, found, naming = self.problem, d.detection, d.naming
+        problem, found, naming = d.problem or self.problem, d.detection, d.naming
+        if problem is not self.problem:
+            return replace(self, problem=problem).foretell(d)
         if naming is None:
             return replace(d, detectable=tuple(detectable(problem, d.baseline, found, self.rng)))
         self.say("predicting held-out conditions")

@@ -206,6 +206,7 @@ class Search:
                     for (p, null), factor in zip(absent, (*factors, *[1.0] * len(absent))):
                         moved[p.name] = min(max(null + sign * factor * p.scale, p.low), p.high)
                     tries.append(moved)
+        tries += [{**part.named, **c.begin} for n in names if (c := candidates[n]).begin is not None]
         tries += [{**w, **{p.name: null + 0.3 * (w[p.name] - null) for p, null in strengths}} for w in warm]
         return best_starts(self.problem, part, names, tries, 2)
 
@@ -285,6 +286,8 @@ def some(problem: Problem, n: int) -> list[int]:
 def starts(problem: Problem, base: Fit, found: Detection, mechanism: str) -> list[Start]:
     """The two best of a few strengths and shapes, and of the linear estimates from the baseline's residuals."""
     candidate = problem.system.candidates[mechanism]
+    if candidate.begin is not None:
+        return [((mechanism,), {**base.named, **candidate.begin})]
     if candidate.replaces:
         first = {p.name: p.start for p in problem.system.baseline}  # a baseline without it may have been bent far off
         tries = _about(candidate.parameters, base.named) + _about(candidate.parameters, first)

@@ -69,7 +69,8 @@ class Candidate:
     shapes: sets of shape parameters at which its effect is tried first (their order: that of the parameters).
     replaces: a term that it takes the place of (then there is no strength at which it is absent).
     drops: parameters that are nobody's when that term is gone. goes_with: mechanisms of one cause with it, always tried
-    as a pair. price: ln of how many like it were looked at before it was chosen.
+    as a pair. price: ln of how many like it were looked at before it was chosen. begin: values at which
+    it was found to fit, the shared parameters' among them.
     """
 
     parameters: tuple[Parameter, ...]
@@ -79,6 +80,7 @@ class Candidate:
     drops: tuple[str, ...] = ()
     goes_with: tuple[str, ...] = ()
     price: float = 0.0
+    begin: Mapping[str, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,9 @@ class Block:
     readings: slice
     noise: Noise
     zero: float = math.inf
+
+
+ASIDE = 1e6  # factor on the noise of a recording that counts for nothing
 
 
 @dataclass(frozen=True)
@@ -133,7 +138,9 @@ class Observation:
 
     @property
     def independent(self) -> int:
-        """Readings, less one for each unknown zero."""
+        """Readings, less one for each unknown zero; none of a recording that is set aside."""
+        if self.spread is not None and self.spread.min() >= ASIDE:
+            return 0
         return self.t.size - sum(math.isinf(b.zero) for b in self.blocks) if self.blocks else self.t.size - 1
 
 

@@ -87,7 +87,7 @@ def _asked(system: Studied, how: How) -> tuple[Findings, str]:
     if system.study.forms:
         from .discovered import StudyForms
 
-        order = replace(order, laws=Laws(problem, StudyForms(system), say))
+        order = replace(order, laws=lambda p: Laws(p, StudyForms(p.system), say))
     if system.study.inputs:
         from .offers import offer
 

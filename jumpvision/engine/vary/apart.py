@@ -29,16 +29,26 @@ PLACES = 400  # instants at most at which frames may have been lost, evenly over
 @dataclass(frozen=True)
 class Apart:
     """change: (N,) of every recording, at the best; information: (N, N) of them, whatever the shared parameters are.
-    chi2: of the whole model there. shared: the shared parameters. since: (N,) instants of lost frames [s], None for any
-    other number. free: it is one of the shared parameters too."""
+    chi2: of the whole model there. shared: the shared parameters, by their names. since: (N,) instants of lost frames [s],
+    None for any other number."""
 
     variable: Variable
     change: Array
     information: Array
     chi2: float
     shared: Array
+    names: tuple[str, ...]
     since: Array | None = None
-    free: bool = False
+
+    @property
+    def free(self) -> bool:
+        """Whether the number is one of the shared parameters too."""
+        return self.variable.name in self.names
+
+    @property
+    def named(self) -> dict[str, float]:
+        """The shared parameters."""
+        return dict(zip(self.names, self.shared.tolist()))
 
     @property
     def sigma(self) -> Array:
@@ -72,14 +82,13 @@ class Each:
 
     def __init__(self, problem: Problem, fit: Fit, variable: Variable, since: Array | None = None) -> None:
         self.problem, self.fit, self.variable, self.since = problem, fit, variable, since
-        self.count = len(problem.all)
+        self.count, self.names = len(problem.all), tuple(p.name for p in fit.parameters)
 
     def residuals(self, shared: Array, change: Array) -> list[Array] | None:
         """Whitened, by recording; None where the model cannot be followed."""
-        names = [p.name for p in self.fit.parameters]
         changes = {self.variable.name: change} | ({} if self.since is None else {SINCE: self.since})
         system = self.problem.system
-        values = dict(zip(names, shared.tolist()))
+        values = dict(zip(self.names, shared.tolist()))
         y = predicted(system, self.fit.mechanisms, values, changes, self.problem.all)
         if not all(np.isfinite(a).all() for a in y):
             return None
@@ -136,7 +145,8 @@ class _Normal:
 
     def step(self, loose: float) -> tuple[Array, Array]:
         right = self.pull - self.mixed.T @ self._solved(self.slope)
-        change = scipy.linalg.solve(self.information + loose * np.eye(self.own.size), right, assume_a="sym")
+        least = loose + 1e-10 * float(np.max(self.own))  # a change of all alike may be one of the shared parameters
+        change = scipy.linalg.solve(self.information + least * np.eye(self.own.size), right, assume_a="sym")
         return self._solved(self.slope - self.mixed @ change), np.asarray(change)
 
 
@@ -175,7 +185,7 @@ def linear(problem: Problem, fit: Fit, variable: Variable, since: Array | None =
     change = normal.step(loose)[1]
     right = normal.pull - normal.mixed.T @ normal._solved(normal.slope)
     fall = float(2.0 * right @ change - change @ normal.information @ change)
-    return Apart(variable, change, normal.information, fit.chi2 - fall, fit.values, since)
+    return Apart(variable, change, normal.information, fit.chi2 - fall, fit.values, each.names, since)
 
 
 def apart(
@@ -224,9 +234,8 @@ def apart(
     normal = _normal(each, shared, change, at, 0.0)
     if normal is None or not normal.own.any():
         return None
-    free_too = variable.name in {p.name for p in fit.parameters}
     left = best - float(loose * change @ change)
-    return Apart(variable, change, _definite(normal.information), left, shared, since, free_too)
+    return Apart(variable, change, _definite(normal.information), left, shared, each.names, since)
 
 
 def _definite(information: Array) -> Array:

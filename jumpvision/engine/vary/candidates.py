@@ -25,12 +25,18 @@ def candidate(w: Weighed, log_price: float) -> Candidate:
     pattern = w.pattern
     free = tuple(
         Parameter(
-            coefficient(pattern.name, k), 0.0, max(-FAR * v.spread, v.least), FAR * v.spread, 0.3 * v.spread, v.spread
+            coefficient(pattern.name, k),
+            0.0,
+            max(-FAR * v.spread, v.least),
+            FAR * v.spread,
+            max(abs(float(x)), 0.01 * v.spread),  # so that a search begins at the value that the screen found
+            v.spread,
         )
-        for k, v in enumerate(pattern.variables)
+        for k, (v, x) in enumerate(zip(pattern.variables, w.coefficients))
     )
     shape = tuple(float(x) for x in w.coefficients[1:])
-    return Candidate(free, shapes=(shape,), price=log_price + pattern.log_price)
+    begin = {**w.shared, **{p.name: float(x) for p, x in zip(free, w.coefficients)}}
+    return Candidate(free, shapes=(shape,), price=log_price + pattern.log_price, begin=begin)
 
 
 def changes_of(

@@ -8,7 +8,7 @@ questions is the logarithm of how many alternatives of a kind were looked at.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -22,6 +22,7 @@ from .apart import Apart
 from .variables import Variable
 
 ODD = 4  # recordings at most that stand apart each for itself
+INSTANTS = 1000  # of a record at which frames may have been lost, by one or a few
 LEVELS = ("frequency", "amplitude", "delay", "volume_fraction")  # labels of the motion that a number may go with
 
 
@@ -78,7 +79,7 @@ class Pattern:
 class Weighed:
     """A pattern with the coefficients that suit the values best, and its log evidence, the price paid.
 
-    chi2: of the whole model with it, as the information foretells.
+    chi2: of the whole model with it, as the information foretells. shared: what the shared parameters are beside it.
     """
 
     pattern: Pattern
@@ -86,6 +87,7 @@ class Weighed:
     covariance: Array
     chi2: float
     log_evidence: float
+    shared: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -113,12 +115,19 @@ def weigh(pattern: Pattern, found: Apart) -> Weighed:
     off = x @ best - found.change
     misfit = off @ p @ off
     return Weighed(
-        pattern, best, np.linalg.inv(inner), found.chi2 + float(misfit), -0.5 * chi2 - volume - pattern.log_price
+        pattern,
+        best,
+        np.linalg.inv(inner),
+        found.chi2 + float(misfit),
+        -0.5 * chi2 - volume - pattern.log_price,
+        found.named,
     )
 
 
 def scatter(found: Apart) -> Scatter | None:
     """Values that are normal about a common one; None where none is better than any spread."""
+    if found.variable.whole:
+        return None
     p, x, n = found.information, found.change, found.change.size
     values, vectors = np.linalg.eigh(0.5 * (p + p.T))
     values = np.maximum(values, 0.0)
@@ -146,7 +155,16 @@ def scatter(found: Apart) -> Scatter | None:
 
 def patterns(found: Apart, observations: Sequence[Observation]) -> Iterator[Pattern]:
     """All that is asked of the values of one number, kind by kind with its price."""
-    families = (_odd(found), _steps(found, observations), _drifts(found, observations), _functions(found, observations))
+    if found.variable.whole:
+        yield from _counts(found)
+        return
+    families = (
+        _odd(found),
+        _steps(found, observations),
+        _sessions(found, observations),
+        _drifts(found, observations),
+        _functions(found, observations),
+    )
     for family in families:
         # a common value of its own is one of the shared parameters already, where the number is one
         every = [p for p in family if not (found.free and p.about_own)]
@@ -191,12 +209,21 @@ def _odd(found: Apart) -> Iterator[Pattern]:
             yield _pattern(v, Kind.ODD, None, column, here, log_price=price, since=found.since)
 
 
+def _counts(found: Apart) -> Iterator[Pattern]:
+    """Whole numbers where the values are nearest to one that is not 0, each at an instant of its own."""
+    counts = np.round(found.change)
+    members = tuple(np.flatnonzero(counts).tolist())
+    if members and len(members) < counts.size:
+        price = _log_choose(counts.size, len(members)) + len(members) * math.log(INSTANTS)
+        yield _pattern(found.variable, Kind.ODD, None, counts[:, None], members, log_price=price, since=found.since)
+
+
 def _log_choose(n: int, k: int) -> float:
     return math.log(math.comb(n, k))
 
 
 def _steps(found: Apart, observations: Sequence[Observation]) -> Iterator[Pattern]:
-    """Two levels, before and after a place in the order; recordings of one session apart."""
+    """Two levels, before and after a place in the order."""
     v, n = found.variable, found.change.size
     for of, at in abscissae(observations):
         known = np.isfinite(at)
@@ -209,6 +236,11 @@ def _steps(found: Apart, observations: Sequence[Observation]) -> Iterator[Patter
             later = tuple(np.flatnonzero(at >= b).tolist())
             for design in _with_and_without(_column(n, later)):
                 yield _pattern(v, Kind.STEP, of, design, later, at, 0.5 * (a + b), since=found.since)
+
+
+def _sessions(found: Apart, observations: Sequence[Observation]) -> Iterator[Pattern]:
+    """The recordings of one session apart."""
+    v, n = found.variable, found.change.size
     for of, members in groups_of(observations):
         if of == "session":
             for design in _with_and_without(_column(n, members)):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol, Self, runtime_checkable
+from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
 
@@ -19,7 +19,8 @@ class Variable:
 
     declared: its value; unit. relative: a change is a share of the declared value, else it is in the unit.
     spread: how far a recording may plausibly be off, a standard deviation [as a change]. step: a change small enough
-    for derivatives. least: changes below are impossible. whole: changes are whole numbers (frames).
+    for derivatives. least: changes below are impossible. whole: changes are whole numbers (frames). drive: of what drives the motion, far off as
+    easily as near.
     """
 
     name: str
@@ -30,6 +31,7 @@ class Variable:
     relative: bool = True
     least: float = -math.inf
     whole: bool = False
+    drive: bool = False
 
     def value(self, change: float) -> float:
         """The number itself, of a change."""
@@ -57,9 +59,23 @@ class Varying(System, Protocol):
         """`predict` with these changes; NaN where it cannot be said."""
         ...
 
-    def varying(self, patterns: Mapping[str, object]) -> Self:
-        """The same with these patterns as further candidates (engine.vary.candidates)."""
+    def varying(self, weighed: Sequence[Any], log_price: float = 0.0) -> Self:
+        """The same with these patterns (vary.patterns.Weighed) as further candidates, at a price beside their own."""
         ...
+
+    def scattered(self, name: str, changes: Array) -> Self:
+        """The same about these changes (N,) of this number, by which recordings differ without order: it is among
+        `scatter`."""
+        ...
+
+
+def added(*changes: Changes) -> Changes:
+    """The sum of several, number by number; of instants the last that is given."""
+    out: dict[str, Array] = {}
+    for some in changes:
+        for n, c in some.items():
+            out[n] = out[n] + c if n in out and n != SINCE else c
+    return out
 
 
 # -- the instrument: of any system, from what it predicts ------------------------------------------------------------

@@ -241,8 +241,8 @@ def _answer(asked: Question, begun: Begun, draw: Draw, say: Say) -> Answer:
         rng,
         by=BY,
         stops=[j.stop for j in asked.jumps],
-        laws=Laws(problem, JumperForms(system), say),
-        shapes=lambda: Shaped(system),
+        laws=lambda p: Laws(p, JumperForms(p.system), say),
+        shapes=Shaped,
         offered=lambda: offer(problem, system, ways, asked.ranges, asked.priors, asked.own),
         say=say,
     )

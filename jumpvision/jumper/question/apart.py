@@ -36,7 +36,7 @@ def variables_of(jumps: Sequence[Jump]) -> dict[str, Variable]:
         if value and n not in STIFF and n not in out:
             out[n] = _share(n, float(value), PARAMETERS[n].unit if n in PARAMETERS else "1")
     if not any(isinstance(j.forcing, Loop) for j in jumps):
-        out |= {n: _share(n, 1.0, "1") for n in DRIVE}
+        out |= {n: replace(_share(n, 1.0, "1"), drive=True) for n in DRIVE}
     return out
 
 

@@ -21,7 +21,7 @@ from jumpvision.engine.vary.apart import predicted, variable
 from jumpvision.engine.vary.candidates import candidate as pattern_candidate
 from jumpvision.engine.vary.candidates import changes_of
 from jumpvision.engine.vary.patterns import Pattern, Weighed
-from jumpvision.engine.vary.variables import Changes, Variable, faults_of, shown_each
+from jumpvision.engine.vary.variables import Changes, Variable, added, faults_of, shown_each
 from jumpvision.jumper.mechanisms.own import parameters_with
 from jumpvision.jumper.mechanisms.record import Body, Mechanism
 from jumpvision.jumper.mechanisms.registry import MECHANISMS, PARAMETERS, acting
@@ -74,6 +74,7 @@ class Jumper:
         _agree(self.bases)
         self.scattering: tuple[str, ...] = SCATTER
         self.patterns: Mapping[str, Pattern] = {}
+        self.always: Changes = {}  # of every prediction: about these, jumps scatter
         self.workers = workers
         self.latest = Latest()
         self.apart = self._declared_apart({*fit, *sigma})
@@ -145,11 +146,11 @@ class Jumper:
         out.candidates = {**self.candidates, **added}
         return out
 
-    def scattered(self, name: str) -> Jumper:
-        """The same jumps, which may differ in this number without order."""
+    def scattered(self, name: str, changes: Array) -> Jumper:
+        """The same jumps about these changes of a number, by which they differ without order."""
         out = copy.copy(self)
         out.latest = Latest()
-        out.scattering = (*self.scattering, name)
+        out.scattering, out.always = (*self.scattering, name), {**self.always, name: changes}
         return out
 
     def _free(
@@ -256,7 +257,7 @@ class Jumper:
         self, mechanisms: tuple[str, ...], sets: Sequence[Mapping[str, float]], which: Sequence[int]
     ) -> list[list[Array]]:
         """`predict` of several sets of values: one call of the solver, which other threads need not wait for."""
-        if any(m in self.patterns for m in mechanisms):
+        if self.always or any(m in self.patterns for m in mechanisms):
             return [self.predict_apart(mechanisms, s, {}, which) for s in sets]
         t = self.tracks.t
         out, times = np.full((len(sets), t.size), np.nan), np.empty((len(sets), t.size))
@@ -300,7 +301,7 @@ class Jumper:
     ) -> list[Array]:
         """`predict` with a change of each jump's own, beside those of the patterns among the mechanisms."""
         own = changes_of(self.patterns, mechanisms, values, len(self.jumps))
-        changes = {**own, **{n: c + own.get(n, 0.0) for n, c in changes.items()}}
+        changes = added(self.always, own, changes)
         tracks = driven(self.tracks, self.jumps, changes)
         t = tracks.t
         out, times = np.full((1, t.size), np.nan), np.empty((1, t.size))

@@ -1,0 +1,157 @@
+"""A model that is wrong explained by mechanisms and by what varies together: one search over both, by evidence.
+
+Before mechanisms are tried, every number that was taken for constant is given its own value a recording; the patterns
+that explain most of it stand beside the mechanisms in the search. Scatter without a pattern is a part of the noise: it
+counts where that alone makes the model adequate and is likelier than every cause.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+
+from jumpvision.base.arrays import Array
+from jumpvision.engine.detect import Detection, detect, directions
+from jumpvision.engine.fitting import Fit, Problem
+from jumpvision.engine.naming import Naming
+from jumpvision.engine.search import log_prior
+
+from .apart import Apart, linear
+from .candidates import coefficient
+from .odd import Odd, odd_ones, set_aside
+from .patterns import Pattern, Scatter, Weighed
+from .screen import Screen, screen
+from .variables import Varying
+
+FEWEST = 4  # recordings among which one can be odd
+WORTH = 5.0  # nats that a pattern, or scatter, must gain over nothing before it is looked at
+SECOND = 8.0  # the same, where mechanisms were tried already
+
+
+@dataclass(frozen=True)
+class Varied:
+    """A pattern that a model has, with its coefficients and their covariance. each: every recording's own change beside
+    it. p_value: of as good a pattern of any number by noise alone."""
+
+    pattern: Pattern
+    coefficients: Array
+    covariance: Array
+    p_value: float
+    each: Apart | None
+
+
+@dataclass(frozen=True)
+class Varies:
+    """What varies: patterns that are named; scatter; recordings that no number of theirs explains, set aside."""
+
+    patterns: tuple[Varied, ...] = ()
+    scatter: Scatter | None = None
+    aside: tuple[int, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.patterns or self.scatter or self.aside)
+
+
+@dataclass(frozen=True)
+class Wider:
+    """A problem with more candidates. screen: by which they were chosen."""
+
+    problem: Problem
+    screen: Screen
+    odd: Odd | None
+
+
+def wider(problem: Problem, about: Fit, rng: np.random.Generator, worth: float = WORTH) -> Wider | None:
+    """The problem with the patterns that the recordings ask for beside its mechanisms. None where it cannot be asked."""
+    if len(problem.all) < FEWEST or not isinstance(problem.system, Varying):
+        return None
+    seen = screen(problem, about)
+    few = odd_ones(problem, about, rng)
+    offered = [w for w in seen.promising if _gain(w, seen) > worth]
+    told = [w for w in few.described if w is not None] if few else []
+    offered = [*told, *(w for w in offered if w.pattern.name not in {x.pattern.name for x in told})]
+    system = problem.system.varying(offered, seen.log_price) if offered else problem.system
+    return Wider(problem.asked_of(system), seen, few)
+
+
+def _gain(w: Weighed, seen: Screen) -> float:
+    """Nats that a pattern gains over none."""
+    return w.log_evidence - seen.log_price + 0.5 * seen.base
+
+
+def gained(problem: Problem, fit: Fit, base: Fit) -> float:
+    """Nats that a set of mechanisms and patterns gains over the baseline."""
+    candidates = problem.system.candidates
+    prior = log_prior(fit.mechanisms, candidates) - log_prior((), candidates)
+    return fit.log_evidence - base.log_evidence + prior
+
+
+@dataclass(frozen=True)
+class Scattered:
+    """The problem in which a number scatters, its baseline and test."""
+
+    problem: Problem
+    baseline: Fit
+    detection: Detection
+    scatter: Scatter
+
+
+def scattered(problem: Problem, seen: Screen, base: Fit, least: float, rng: np.random.Generator) -> Scattered | None:
+    """The likeliest scatter where it gains more than `least` nats, and the model is adequate with it."""
+    for s in seen.scatters[:1]:
+        if s.log_evidence - seen.log_price + 0.5 * seen.base <= max(least, WORTH):
+            continue
+        system = problem.system
+        assert isinstance(system, Varying)
+        with_it = Problem(
+            system.scattered(s.variable.name, s.apart.change),
+            problem.noise,
+            {**problem.scattered, s.variable.name: s.value},
+            problem.measured,
+        )
+        fit = with_it.fit(base.mechanisms, base.named)
+        if fit is None:
+            continue
+        found = detect(with_it, fit, directions(with_it, fit), rng)
+        if not found.discrepant:
+            return Scattered(with_it, fit, found, s)
+    return None
+
+
+def aside(problem: Problem, odd: Odd, rng: np.random.Generator) -> tuple[Problem, Fit, Detection]:
+    """The problem without the recordings that stand apart, its baseline and test."""
+    part = problem.asked_of(set_aside(problem.system, odd.members))
+    return part, odd.fit, detect(part, odd.fit, directions(part, odd.fit), rng)
+
+
+def patterns_of(problem: Problem) -> dict[str, Pattern]:
+    """The patterns among the candidates of a system."""
+    return dict(getattr(problem.system, "patterns", {}))
+
+
+def varied(problem: Problem, naming: Naming, base: Fit) -> tuple[Varied, ...]:
+    """The patterns among what is named."""
+    fit, known = naming.best.fit, patterns_of(problem)
+    names = [p.name for p in fit.parameters]
+    out = []
+    for m in naming.named:
+        if (p := known.get(m)) is None:
+            continue
+        at = [names.index(coefficient(m, k)) for k in range(p.design.shape[1])]
+        values, covariance = fit.values[at], fit.covariance[np.ix_(at, at)]
+        fall = float(values @ np.linalg.solve(covariance, values))
+        price = problem.system.candidates[m].price
+        chance = min(1.0, math.exp(min(price, 300.0)) * float(scipy.stats.chi2.sf(fall, len(at))))
+        each = linear(problem, fit, p.variable, p.since)
+        out.append(Varied(p, values, covariance, chance, each))
+    return tuple(sorted(out, key=lambda v: v.p_value))
+
+
+def mechanisms_of(problem: Problem, names: Sequence[str]) -> tuple[str, ...]:
+    """Those of a model's candidates that are mechanisms, not patterns."""
+    known = patterns_of(problem)
+    return tuple(n for n in names if n not in known)

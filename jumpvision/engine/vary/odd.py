@@ -1,0 +1,210 @@
+"""Recordings that a model does not describe while it describes all others, and which numbers of theirs would mend it."""
+
+from __future__ import annotations
+
+import copy
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+
+from jumpvision.base.arrays import Array
+from jumpvision.engine.detect import detect
+from jumpvision.engine.document.values import Pattern as Kind
+from jumpvision.engine.fitting import Fit, Problem
+from jumpvision.engine.system import ASIDE, Costly, System
+
+from .apart import GRID, predicted, variables
+from .patterns import Pattern, Weighed
+from .variables import Variable
+
+SHARE = 6  # one recording in so many may stand apart
+HALF = 0.5  # of the excess of chi^2 that must go with each recording left out, or they are not a few odd ones
+FEW = 6  # numbers that are tried two by two: those that alone do best
+SINGLE = 1e-3  # chance below which a recording is not described by its numbers
+LAPS = 12
+
+
+@dataclass(frozen=True)
+class Odd:
+    """members: recordings without which the model is adequate; fit: of the others. described: of each the numbers that
+    mend it, None where none do."""
+
+    members: tuple[int, ...]
+    fit: Fit
+    described: tuple[Weighed | None, ...]
+
+
+def set_aside(system: System, members: Sequence[int]) -> System:
+    """The same system, these recordings counting for nothing."""
+    out = copy.copy(system)
+    every = list(system.observations)
+    for i in members:
+        every[i] = replace(every[i], spread=np.full(every[i].t.size, ASIDE))
+    out.observations = every  # type: ignore[misc]
+    return out
+
+
+def odd_ones(problem: Problem, fit: Fit, rng: np.random.Generator) -> Odd | None:
+    """The few recordings without which a model is adequate; None where there are none."""
+    if isinstance(problem.system, Costly):
+        return None
+    count, members = len(problem.all), []
+    rest = fit
+    excess = fit.chi2 - problem.n
+    for _ in range(min(4, count // SHARE)):
+        worst = max((i for i in range(count) if i not in members), key=lambda i: _fall(rest, i))
+        members.append(worst)
+        part = problem.asked_of(set_aside(problem.system, members))
+        again = part.fit(fit.mechanisms, rest.named)
+        if again is None or again.chi2 - part.n > HALF * excess:
+            return None
+        rest, excess = again, again.chi2 - part.n
+        if not detect(part, rest, (), rng).discrepant:
+            found = tuple(sorted(members))
+            return Odd(found, rest, tuple(described(problem, rest, i) for i in found))
+    return None
+
+
+def _fall(fit: Fit, i: int) -> float:
+    """By what chi^2 falls without a recording, linear about the fit."""
+    r, j = fit.residuals[i], fit.jacobian[i]
+    if not fit.parameters:
+        return float(r @ r)
+    whole = sum((x.T @ x for x in fit.jacobian), fit.known.precision)
+    rest = whole - j.T @ j + 1e-9 * np.diag(np.diag(whole))
+    slope = j.T @ r
+    return float(r @ r + slope @ np.linalg.solve(rest, slope))
+
+
+def described(problem: Problem, fit: Fit, i: int) -> Weighed | None:
+    """One number of a recording with which the model describes it, else two; the others as they are fitted."""
+    alone = _Alone(problem, fit, i)
+    usable = [v for v in variables(problem.system).values() if not v.whole]
+    singles = [_Told((v,), x) for v in usable if (x := alone.fitted((v,), _grid(v))) is not None]
+    if (found := _best(singles, alone, len(usable))) is not None:
+        return found
+    top = sorted(singles, key=lambda x: x.found.chi2)[:FEW]
+    some = [(a.variables[0], b.variables[0]) for a, b in itertools.combinations(top, 2)]
+    some += [p for p in itertools.combinations([v for v in usable if v.drive], 2) if p not in some]
+    first = {x.variables[0].name: x.found.values[0] for x in singles}
+    pairs = []
+    for a, b in some:
+        starts = [np.array([first.get(a.name, 0.0), 0.0]), np.array([0.0, first.get(b.name, 0.0)])]
+        if a.drive and b.drive:
+            starts += [np.concatenate(x) for x in itertools.product(_grid(a), _grid(b))]
+        if (found_pair := alone.fitted((a, b), starts)) is not None:
+            pairs.append(_Told((a, b), found_pair))
+    return _best(pairs, alone, len(usable))
+
+
+def _grid(v: Variable) -> list[Array]:
+    return [np.array([f * v.spread]) for f in (0.0, *GRID)]
+
+
+@dataclass(frozen=True)
+class _Found:
+    """chi^2 of a recording, numbers of its own (k,) and their covariance."""
+
+    chi2: float
+    values: Array
+    covariance: Array
+
+
+@dataclass(frozen=True)
+class _Told:
+    variables: tuple[Variable, ...]
+    found: _Found
+
+    @property
+    def log_evidence(self) -> float:
+        spread = np.array([v.spread for v in self.variables])
+        size = self.found.values / spread
+        volume = 0.5 * float(np.linalg.slogdet(self.found.covariance)[1]) - float(np.sum(np.log(spread)))
+        return -0.5 * self.found.chi2 - 0.5 * float(size @ size) + volume
+
+
+def _best(tried: Sequence[_Told], alone: _Alone, count: int) -> Weighed | None:
+    """The likeliest, where it describes the recording."""
+    if not tried:
+        return None
+    best = max(tried, key=lambda x: x.log_evidence)
+    n = alone.problem.system.observations[alone.i].independent
+    if scipy.stats.chi2.sf(best.found.chi2, n) < SINGLE:
+        return None
+    design = np.zeros((len(alone.problem.all), len(best.variables)))
+    design[alone.i] = 1.0
+    price = math.log(len(alone.problem.all)) + len(best.variables) * math.log(count)
+    pattern = Pattern(best.variables, Kind.ODD, None, design, (alone.i,), log_price=price)
+    return Weighed(
+        pattern, best.found.values, best.found.covariance, best.found.chi2, best.log_evidence - price, alone.fit.named
+    )
+
+
+class _Alone:
+    """One recording with numbers of its own, all that it shares with others as it is."""
+
+    def __init__(self, problem: Problem, fit: Fit, i: int) -> None:
+        self.problem, self.fit, self.i = problem, fit, i
+        self.frame = problem.frame(fit.mechanisms, fit.named, [i])[0]
+
+    def residual(self, chosen: Sequence[Variable], x: Array) -> Array | None:
+        i, system = self.i, self.problem.system
+        changes = {v.name: np.zeros(len(self.problem.all)) for v in chosen}
+        for v, value in zip(chosen, x):
+            changes[v.name][i] = max(float(value), v.least)
+        y = predicted(system, self.fit.mechanisms, self.fit.named, changes, [i])[0]
+        if not np.isfinite(y).all():
+            return None
+        return self.problem.whitening[i].whitened(system.observations[i].y - y, self.frame)
+
+    def chi2(self, chosen: Sequence[Variable], x: Array) -> float:
+        r = self.residual(chosen, x)
+        return math.inf if r is None else float(r @ r)
+
+    def fitted(self, chosen: Sequence[Variable], starts: Sequence[Array]) -> _Found | None:
+        """From the best of some starts."""
+        cost = [(self.chi2(chosen, x), k) for k, x in enumerate(starts)]
+        if not cost or not math.isfinite(min(cost)[0]):
+            return None
+        x = starts[min(cost)[1]]
+        steps, spread = np.array([v.step for v in chosen]), np.array([v.spread for v in chosen])
+        damping = 1e-3
+        for _ in range(LAPS):
+            if (moved := self._jacobian(chosen, x, steps)) is None:
+                return None
+            r, j = moved
+            inner = j.T @ j + np.diag((3.0 * spread) ** -2)
+            full = inner + damping * np.diag(np.diag(inner))
+            step = np.linalg.solve(full, j.T @ r - x / (3.0 * spread) ** 2)
+            there = self.chi2(chosen, x + step)
+            gained = float(r @ r) - there
+            if gained > 0:
+                x, damping = x + step, damping / 10
+                if gained < 0.1:
+                    break
+            else:
+                damping *= 10
+                if damping > 1e3:
+                    break
+        if (moved := self._jacobian(chosen, x, steps)) is None:
+            return None
+        r, j = moved
+        return _Found(float(r @ r), x, np.asarray(np.linalg.inv(j.T @ j + np.diag(spread**-2.0))))
+
+    def _jacobian(self, chosen: Sequence[Variable], x: Array, steps: Array) -> tuple[Array, Array] | None:
+        r = self.residual(chosen, x)
+        if r is None:
+            return None
+        columns = []
+        for k in range(x.size):
+            moved = x.copy()
+            moved[k] += steps[k]
+            there = self.residual(chosen, moved)
+            if there is None:
+                return None
+            columns.append((r - there) / steps[k])
+        return r, np.stack(columns, axis=1)
