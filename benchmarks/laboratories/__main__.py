@@ -133,6 +133,8 @@ def report(rows: Sequence[Row]) -> str:
     groups |= {f"on {g} ground": [j for j in part["fault"] if j.truth.ground == g] for g in ("granular", "hard")}
     groups |= {f"trials: {n}": [j for j in part["fault"] if j.truth.trials == n] for n in (1, 2)}
     lines += [f"* {n}: right {right(v)}" for n, v in groups.items() if v]
+    offered = [j for j in part["fault"] if (x := j.row.get("answer")) and (x["law"] or x["described"])]
+    lines.append(f"* a law or a formula offered for a fault: {share(len(offered), len(part['fault']))}")
     lines += scatters(part["scatter"])
     seconds = [j.row["processor_s"] for j in every if "processor_s" in j.row]
     if seconds:
