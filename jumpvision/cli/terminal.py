@@ -179,6 +179,8 @@ def beside_truth(diagnosis: Diagnosis, campaign: Campaign) -> None:
 
 def diagnosis(found: Diagnosis, campaign: Campaign, made: list[Path], *, as_json: bool) -> None:
     """What `diagnose` found: the sentence, the parameters beside the truth, the causes, the gain."""
+    from jumpvision.engine.document.diagnosis import chance
+
     if as_json:
         print(json.dumps(found.values, indent=1))
         return
@@ -188,7 +190,7 @@ def diagnosis(found: Diagnosis, campaign: Campaign, made: list[Path], *, as_json
     rows = [
         {
             "mechanism": " + ".join(c.mechanisms),
-            "probability": f"{c.probability:.3f}",
+            "probability": chance(c.probability),
             "held-out gain": f"{c.delta_score:.0f}",
             "parameters (90 %)": c.words,
         }

@@ -193,11 +193,13 @@ class Gain:
 @dataclass(frozen=True)
 class LeftOver:
     """What the extended model (the baseline, where nothing is named) leaves: chi^2 per degree of freedom, share of what
-    the baseline gets wrong (its excess of chi^2); widened: factor on the intervals for it."""
+    the baseline gets wrong (its excess of chi^2); widened: factor on the intervals for it. look_at: recordings with the
+    largest misfit."""
 
     chi2_per_dof: float
     share: float
     widened: float
+    look_at: tuple[str, ...] = field(default=(), metadata=OPTIONAL)
 
 
 @dataclass(frozen=True)
