@@ -11,10 +11,10 @@ from diagnosis_sample import diagnosis
 
 from jumpvision.base.arrays import Z90
 from jumpvision.engine.document.diagnosis import Diagnosis
-from jumpvision.engine.document.sentence import Words
 from jumpvision.engine.document.sentence import sentence as in_words
 from jumpvision.engine.document.values import Closest, LeftOver, Pattern, Unexplained, Varies
 from jumpvision.engine.document.varies import varies_in_words
+from jumpvision.engine.document.words import Words
 from jumpvision.jumper.question.words import sentence, words_of
 
 NAMES = tuple(f"jump-{k}" for k in range(1, 25))

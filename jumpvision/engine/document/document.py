@@ -22,7 +22,8 @@ from jumpvision.engine.worth.gain import Gain
 
 from . import values as record
 from .diagnosis import Diagnosis
-from .sentence import Words, contradictions, sentence
+from .sentence import contradictions, sentence
+from .words import Words
 
 HALVED = 2.0  # factor on the error of held-out motions from which a formula is told
 LOOK = 3  # recordings with the largest misfit that are named

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from jumpvision.base.arrays import Z90
 
 from .values import Pattern, Varies
-
-if TYPE_CHECKING:
-    from .sentence import Words
+from .words import Words
 
 TOLD = 3  # names of recordings that a sentence gives
 FRAMES = "frames"  # the unit of frames that a film lost

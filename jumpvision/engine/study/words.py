@@ -10,7 +10,7 @@ from typing import ClassVar
 from jumpvision.engine.document import values as record
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.document import agreement, interval
-from jumpvision.engine.document.sentence import Words
+from jumpvision.engine.document.words import Words
 from jumpvision.engine.fitting import Fit
 from jumpvision.engine.order import Findings
 

@@ -13,8 +13,9 @@ import numpy as np
 from jumpvision.engine.document import values as record
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.document import agreement, document, interval
-from jumpvision.engine.document.sentence import Words, contradictions, plus_minus
+from jumpvision.engine.document.sentence import contradictions, plus_minus
 from jumpvision.engine.document.sentence import sentence as sentence_of
+from jumpvision.engine.document.words import Words
 from jumpvision.engine.fitting import Fit
 from jumpvision.engine.order import Findings
 from jumpvision.engine.system import Indexed
