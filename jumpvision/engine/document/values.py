@@ -5,6 +5,7 @@ Fields have the names of the file's keys, in their order. A number that is not k
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -174,6 +175,14 @@ class Suggested:
     key: str
     value: float | str | bool
     why: str
+
+    @property
+    def line(self) -> str:
+        """As TOML has it."""
+        value = (
+            json.dumps(self.value, ensure_ascii=False) if isinstance(self.value, (str, bool)) else f"{self.value:.6g}"
+        )
+        return f"{self.key} = {value}" if not self.section else f"[{self.section}] {self.key} = {value}"
 
 
 @dataclass(frozen=True)
