@@ -185,6 +185,9 @@ def diagnosis(found: Diagnosis, campaign: Campaign, made: list[Path], *, as_json
         print(json.dumps(found.values, indent=1))
         return
     print(harmless("\n".join(verdict(found))))
+    if found.suggested:
+        lines = [f"  {s.file}: {s.line}" for s in found.suggested]
+        print(harmless("\n".join(["to mend (jumpvision diagnose --accept writes it):", *lines])))
     if found.unit is None:
         beside_truth(found, campaign)
     rows = [
