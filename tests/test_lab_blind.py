@@ -137,16 +137,13 @@ def test_drawn_pairs_can_act_together():
 
 
 # ------------------------------------------------------------------------------------------------------------ the game
-def diagnosis(verdict="discrepant", named=(), twins=(), causes=(), unexplained=None) -> dict:
+def diagnosis(verdict="discrepant", named=(), twins=(), causes=(), status="complete") -> dict:
     return {"verdict": verdict, "named": list(named), "indistinguishable": [list(t) for t in twins],
-            "causes": list(causes), "unexplained": unexplained}  # fmt: skip
+            "causes": list(causes), "status": status}  # fmt: skip
 
 
 def answer(*hidden: str, **parameters: float) -> seal.Answer:
     return seal.Answer(hidden, any(h in OUTSIDE for h in hidden), parameters)
-
-
-RATE = {"terms": ["v*z"], "r2": 0.9, "where": "push_off"}
 
 
 @pytest.mark.parametrize(
@@ -156,7 +153,7 @@ RATE = {"terms": ["v*z"], "r2": 0.9, "where": "push_off"}
         (diagnosis(named=["tilt"]), (), "false alarm"),
         (diagnosis(), (), "false alarm"),
         (diagnosis("adequate"), ("tilt",), "missed"),
-        (diagnosis(unexplained=RATE), ("tilt",), "missed"),
+        (diagnosis(status="undetermined"), ("tilt",), "missed"),
         (diagnosis(named=["tilt"]), ("tilt",), "right"),
         (diagnosis(named=["payload"]), ("tilt",), "wrong"),
         (diagnosis(named=["camera_scale"], twins=[["tilt", "camera_scale"]]), ("tilt",), "twin"),
@@ -164,7 +161,7 @@ RATE = {"terms": ["v*z"], "r2": 0.9, "where": "push_off"}
         (diagnosis(named=["tilt", "payload"]), ("payload", "tilt"), "right"),
         (diagnosis(named=["tilt", "payload"]), ("payload",), "wrong"),
         (diagnosis(named=["payload", "camera_scale"], twins=[["tilt", "camera_scale"]]), ("payload", "tilt"), "twin"),
-        (diagnosis(unexplained=RATE), ("depth_rate_drag",), "right"),
+        (diagnosis(status="undetermined"), ("depth_rate_drag",), "right"),
         (diagnosis(named=["inertial_drag"]), ("depth_rate_drag",), "wrong"),
         (diagnosis("adequate"), ("depth_rate_drag",), "missed"),
     ],

@@ -19,6 +19,7 @@ from jumpvision.experiment.workflow.stage import Declared, declared
 from .app import DONE, FAILED, OPTIONS, Options, app, cores
 
 if TYPE_CHECKING:
+    from jumpvision.engine.document.diagnosis import Diagnosis
     from jumpvision.experiment.campaign.folder import Run
     from jumpvision.experiment.inputs.experiment import Campaign, Experiment
     from jumpvision.experiment.workflow.run import Plan
@@ -338,6 +339,7 @@ def diagnose(
     simulator: str = "",
     limit: float = 600.0,
     budget: int | None = None,
+    accept: Annotated[bool, Parameter(negative="")] = False,
     options: Options = OPTIONS,
 ) -> int:
     """What the simulation gets wrong, why, the extended model and what it gains (diagnosis.json, model.toml).
@@ -355,6 +357,8 @@ def diagnose(
         With --simulator: seconds that one run may take.
     budget
         With --simulator: most runs.
+    accept
+        Write the lines that are told "to mend" into the experiments' experiment.toml, and ask again.
     """
     from jumpvision.base.schema import InputError
     from jumpvision.experiment.campaign.folder import DIAGNOSED
@@ -366,12 +370,30 @@ def diagnose(
         raise InputError([f"{path}: one experiment; give the campaign (the folder of experiments) to be questioned"])
     if consider:
         options = replace(options, set=(*options.set, f"diagnosis.consider={json.dumps(list(consider))}"))
+    if simulator and accept:
+        raise InputError(["--accept: mends what this package's own simulation shows; leave out --simulator, or it"])
     if simulator:
         return _foreign(path, simulator, limit, budget, options)
     done = work(path, options, stages=DIAGNOSED, ask=True)
+    if accept and done.diagnosis and _accepted(done.diagnosis, done.campaign):
+        done = work(path, options, stages=DIAGNOSED, ask=True)
     assert done.diagnosis is not None  # a campaign that cannot be questioned raises
     terminal.diagnosis(done.diagnosis, done.campaign, done.files, as_json=options.json)
     return FAILED if done.failed else DONE
+
+
+def _accepted(found: Diagnosis, campaign: Campaign) -> bool:
+    """Whether lines that would mend the campaign were written; each is told."""
+    from jumpvision.experiment.campaign.mend import accept
+
+    from . import terminal
+
+    if not found.suggested:
+        terminal.line("--accept: there is nothing to mend")
+    accept(found.suggested, campaign.path)
+    for x in found.suggested:
+        terminal.line(f"written into {campaign.path / x.file}: {x.line}  ({x.why})")
+    return bool(found.suggested)
 
 
 def _foreign(path: Path, simulator: str, limit: float, budget: int | None, options: Options) -> int:

@@ -179,16 +179,21 @@ def beside_truth(diagnosis: Diagnosis, campaign: Campaign) -> None:
 
 def diagnosis(found: Diagnosis, campaign: Campaign, made: list[Path], *, as_json: bool) -> None:
     """What `diagnose` found: the sentence, the parameters beside the truth, the causes, the gain."""
+    from jumpvision.engine.document.diagnosis import chance
+
     if as_json:
         print(json.dumps(found.values, indent=1))
         return
     print(harmless("\n".join(verdict(found))))
+    if found.suggested:
+        lines = [f"  {s.file}: {s.line}" for s in found.suggested]
+        print(harmless("\n".join(["to mend (jumpvision diagnose --accept writes it):", *lines])))
     if found.unit is None:
         beside_truth(found, campaign)
     rows = [
         {
             "mechanism": " + ".join(c.mechanisms),
-            "probability": f"{c.probability:.3f}",
+            "probability": chance(c.probability),
             "held-out gain": f"{c.delta_score:.0f}",
             "parameters (90 %)": c.words,
         }

@@ -24,8 +24,10 @@ from .fitting import Fit, Problem
 from .naming import held_out_score
 from .search import Start, best_starts, race, start_of
 from .system import System
+from .worth.gain import held_out_ratio
 
 LEAST_OWN = 0.05  # share of a second shape that the first model cannot mimic
+HALVED = 2.0  # factor on the error of conditions held out from which a shape is told
 TOLD = 0.1  # share of the draws from which a shape is worth telling
 
 
@@ -40,7 +42,8 @@ class Shapes(System, Protocol):
 
 
 def unexplained(problem: Problem, fits: Sequence[Fit], shapes: Shapes, rng: np.random.Generator) -> Unexplained | None:
-    """Describes what the first of the fits leaves over by generic forces; None where none is seen, or none predicts.
+    """Describes what the first of the fits leaves over by generic forces; None where none is seen, or none
+    halves the error on conditions held out.
 
     fits: models beside which a shape is tried: the baseline, and the best of the vocabulary, which may hold a part of
     the truth or only imitate it; the pair that explains most is told.
@@ -72,6 +75,8 @@ def unexplained(problem: Problem, fits: Sequence[Fit], shapes: Shapes, rng: np.r
         value, unit = d.strength * z / share, shapes.candidates[d.mechanism].parameters[0].unit
         terms[d.mechanism] = Coefficient(value, abs(value / z), unit)
         left -= z * z
+    if HALVED**2 * left > plain.chi2 or held_out_ratio(whole, plain, best) < HALVED:
+        return None
     dof = max(problem.n - len(plain.parameters), 1)
     reached = shapes.reach(first, best.mechanisms, best.named)
     return Unexplained(

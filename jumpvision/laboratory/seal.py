@@ -202,7 +202,8 @@ def _outcome(diagnosis: Mapping[str, Any], named: set[str], hidden: set[str], ou
         return "missed"
     if outside:
         real = hidden - set(OUTSIDE)
-        return "right" if named <= real and diagnosis.get("unexplained") else "wrong"
+        beyond = diagnosis["status"] != "complete" or diagnosis.get("discovered")
+        return "right" if named <= real and beyond else "wrong"
     if named == hidden:
         return "right"
     twins = [set(group) for group in diagnosis["indistinguishable"]]

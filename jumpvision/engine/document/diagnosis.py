@@ -187,7 +187,7 @@ class Diagnosis(Record):
 
     def __repr__(self) -> str:
         lines = [self.sentence]
-        lines += [f"  {c.probability:6.3f}  {' + '.join(c.mechanisms)}: {c.words}" for c in self.models[:6]]
+        lines += [f"  {chance(c.probability)}  {' + '.join(c.mechanisms)}: {c.words}" for c in self.models[:6]]
         if self.fitted and not self.adequate:
             lines += [f"  {n} = {p}" for n, p in self.fitted.items()][:12]
         return "\n".join([lines[0], *(x if len(x) <= WIDE else x[: WIDE - 3] + "..." for x in lines[1:])])
@@ -196,7 +196,7 @@ class Diagnosis(Record):
         from jumpvision.base import notebook as reprs
 
         rows = [
-            {"model": " + ".join(c.mechanisms), "probability": f"{c.probability:.3f}", "parameters (90 %)": c.words}
+            {"model": " + ".join(c.mechanisms), "probability": chance(c.probability), "parameters (90 %)": c.words}
             for c in self.models[:6]
         ]
         body = f"<p>{html.escape(self.sentence)}</p>{reprs.table(rows)}"
@@ -260,6 +260,11 @@ def _read(kind: Any, value: Any) -> Any:
     if get_origin(kind) is Mapping:
         return {k: _read(inner[1], v) for k, v in value.items()}
     return _read(inner[0], value) if inner else value
+
+
+def chance(p: float) -> str:
+    """A probability to three digits; what would round to none is said to be small."""
+    return "< 0.001" if p < 5e-4 else f"{p:.3f}"
 
 
 def hidden_up_to(d: Detectable) -> str:

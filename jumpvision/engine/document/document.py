@@ -22,8 +22,11 @@ from jumpvision.engine.worth.gain import Gain
 
 from . import values as record
 from .diagnosis import Diagnosis
-from .sentence import Words, contradictions, sentence
+from .sentence import contradictions, sentence
+from .words import Words
 
+HALVED = 2.0  # factor on the error of held-out motions from which a formula is told
+LOOK = 3  # recordings with the largest misfit that are named
 LOOSE = 0.5  # chi^2 per degree of freedom below which a model agrees better than noise lets it
 
 
@@ -58,6 +61,7 @@ class Speaker(Protocol):
 
 def document(d: Findings, speaker: Speaker, stopped: str = "") -> Diagnosis:
     """The record of findings. stopped: why they are not all that there could be; "" where they are."""
+    d = worth_telling(d)
     n, extended, before = d.naming, d.best is not d.baseline, speaker.model(d.baseline)
     data = Diagnosis(
         verdict=record.Verdict.ADEQUATE if d.adequate else record.Verdict.DISCREPANT,
@@ -73,11 +77,11 @@ def document(d: Findings, speaker: Speaker, stopped: str = "") -> Diagnosis:
         causes=causes(d, speaker),
         named=n.named if n else (),
         status=n.status if n else record.Status.UNDETERMINED if stopped else record.Status.COMPLETE,
-        left_over=left_over(d),
+        left_over=left_over(d, speaker),
         detectable=tuple(record.Detectable(x.mechanism, x.parameter, x.value, x.unit) for x in d.detectable),
         indistinguishable=n.twins if n else (),
         closest=closest(d, speaker),
-        unexplained=d.left,
+        unexplained=d.left if d.left and d.left.terms else None,
         extended_model=speaker.model(d.best),
         gain=gain(d.gain, speaker) if extended and d.gain else None,
         selection=tuple(record.Selection(*x) for x in d.gain.selection) if d.gain else (),
@@ -92,10 +96,20 @@ def document(d: Findings, speaker: Speaker, stopped: str = "") -> Diagnosis:
         confirmed=None,
     )
     data = speaker.completed(with_law(data, d.law) if d.law else data, d)
+    if data.status == record.Status.UNDETERMINED:  # what a rejected model foretells is worth nothing
+        data = replace(data, next_experiment=None, detectable=())
     off = rms(np.array([h.simulated_m - h.measured_m for h in data.heights]))
     data = replace(data, baseline=replace(data.baseline, rmse_height_m=off))
     words = speaker.words(data)
     return replace(data, sentence=sentence(data, words, stopped), confirmed=contradictions(data, words.apart))
+
+
+def worth_telling(d: Findings) -> Findings:
+    """Without a law of no list that does not halve the error, on conditions held out where they were predicted."""
+    if d.law is None:
+        return d
+    ratio = d.gain.ratio if d.gain else math.sqrt(d.baseline.chi2 / max(d.law.fit.chi2, 1e-300))
+    return d if ratio >= HALVED else replace(d, law=None, gain=None, extrapolation=None)
 
 
 def gain(g: Gain, speaker: Speaker) -> record.Gain:
@@ -131,31 +145,40 @@ def closest(d: Findings, speaker: Speaker) -> record.Closest | None:
         return None
     found = {name: value for m in e.mechanisms for name, value in speaker.parameters(e.fit, m).items()}
     worth = gain(d.gain, speaker) if d.gain else None
-    return record.Closest(e.mechanisms, e.probability, found, rmse(speaker, e.fit), worth)
+    return record.Closest(e.mechanisms, d.naming.suffices * e.probability, found, rmse(speaker, e.fit), worth)
 
 
 def with_law(data: Diagnosis, law: Law) -> Diagnosis:
     """The record with a law of no list in the place of what the vocabulary says."""
+    look_at = data.left_over.look_at if data.left_over and law.status is record.Status.PARTIAL else ()
     return replace(
         data,
         named=law.fit.mechanisms[:-1],
         status=law.status,
-        left_over=record.LeftOver(law.found.detection.chi2_per_dof, 1.0 - law.found.r2, 1.0),
+        left_over=record.LeftOver(law.found.detection.chi2_per_dof, 1.0 - law.found.r2, 1.0, look_at),
         indistinguishable=(),
         closest=None,
         discovered=law.described,
     )
 
 
-def left_over(d: Findings) -> record.LeftOver | None:
+def left_over(d: Findings, speaker: Speaker) -> record.LeftOver | None:
     """What the model that is told leaves; None where the baseline is adequate."""
     n = d.naming
     if n is None:
         return None
+    look_at = () if n.by_chance or n.status == record.Status.COMPLETE else misfits(d, speaker)
     if not n.named:
-        return record.LeftOver(d.detection.chi2_per_dof, 1.0, 1.0)
+        return record.LeftOver(d.detection.chi2_per_dof, 1.0, 1.0, look_at)
     test = n.best.detection
-    return record.LeftOver(test.chi2_per_dof if test else math.nan, n.left, n.widened)
+    return record.LeftOver(test.chi2_per_dof if test else math.nan, n.left, n.widened, look_at)
+
+
+def misfits(d: Findings, speaker: Speaker) -> tuple[str, ...]:
+    """The recordings that the model that is told misses most, by chi^2 a sample."""
+    each = [float(np.mean(r * r)) if r.size else 0.0 for r in d.best.residuals]
+    names = [o.name for o in speaker.system.observations]
+    return tuple(names[i] for i in np.argsort(each)[::-1][:LOOK])
 
 
 def priors(d: Findings) -> record.Priors | None:

@@ -1,53 +1,73 @@
-"""The verdict of a diagnosis in plain words, one grammar for every system; a system brings its own words (`Words`)."""
+"""The verdict of a diagnosis in plain words, one grammar for every system, which brings its own words."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 
 from jumpvision.engine.worth.gain import FEW_GROUPS
 
 from . import values as record
 from .diagnosis import Diagnosis
+from .varies import capital, clauses, some
+from .words import Words
 
+COMPLETE = record.Status.COMPLETE
 WIDER = 1.05  # factor on intervals from which it is said
-
-
-@dataclass(frozen=True)
-class Words:
-    """How a system speaks of itself.
-
-    misses: what the simulation gets wrong, as the beginning of the sentence. recordings, vocabulary, error: what is
-    measured, where mechanisms stand, what falls on conditions held out. size: an error with its unit. lacks: what is
-    lacking, by mechanism; called: the same beside others, where it is shorter. acts_on: what a law of no list is.
-    apart: by what a quantity is measured beside the motions, and by what motions.
-    """
-
-    misses: str
-    size: Callable[[float], str]
-    recordings: str = "recordings"
-    vocabulary: str = "study"
-    error: str = "error on recordings held out"
-    lacks: Mapping[str, str] = field(default_factory=dict)
-    called: Mapping[str, str] = field(default_factory=dict)
-    acts_on: Mapping[str, str] = field(default_factory=dict)
-    apart: tuple[str, str] = ("Measurements", "recordings")
 
 
 def sentence(d: Diagnosis, words: Words, stopped: str = "") -> str:
     """The verdict in plain words. stopped: what kept it from being whole."""
+    varies = [v for v in d.varies if v.established]
+    said = capital("; ".join(clauses(varies, words)))
+    agrees = f"he simulation agrees with the {words.recordings} within their noise (p = {d.p_value:.2g})."
     if d.adequate:
-        return f"The simulation agrees with the {words.recordings} within their noise (p = {d.p_value:.2g})."
+        return f"{said}; {_mended(varies)} t{agrees}" if varies else f"T{agrees}"
+    if varies and not (d.named or d.discovered):
+        return f"{said}; {_mended(varies)} the model is adequate." if d.status == COMPLETE else f"{said}; {_more(d)}."
+    if varies:
+        return f"{said}. {_not_constant_alone(d, words)}{f'; {stopped}' if stopped else ''}."
     if stopped and not d.causes:
         return f"{words.misses}; which mechanism it lacks is not known yet: {stopped}."
-    said = _named(d, words) if d.named else _unnamed(d, words)
+    told = _named(d, words) if d.named else _unnamed(d, words)
     left = "the rest was not asked" if d.gain else "not tried on conditions held out"
-    return words.misses + said + (f"; {left}: {stopped}." if stopped else ".")
+    return words.misses + told + (f"; {left}: {stopped}." if stopped else ".")
+
+
+def _mended(varies: Sequence[record.Varies]) -> str:
+    """With what the model is adequate: without what stands apart, with what varies."""
+    if any(v.kind is not record.Pattern.ODD for v in varies):
+        return "with that"
+    return "without it" if len({name for v in varies for name in v.recordings}) == 1 else "without them"
+
+
+def _more(d: Diagnosis) -> str:
+    """What is left beside numbers that vary, where nothing is named."""
+    share = d.left_over.share if d.left_over else math.nan
+    much = f"{100 * share:.2g} % of the discrepancy (in chi^2)" if math.isfinite(share) else "a part of the discrepancy"
+    return f"{much} stays beyond the noise{_left(d, 'describes it')}"
+
+
+def _not_constant_alone(d: Diagnosis, words: Words) -> str:
+    """What is named beside numbers that vary."""
+    if d.named:
+        return f"Beside that it lacks {_listed(d.named, words.lacks)}{_named_rest(d, words)}"
+    assert d.discovered
+    return "Beside that no mechanism explains the rest" + law_in_words(d.discovered, words, "does")
+
+
+def _left(d: Diagnosis, does: str) -> str:
+    """What describes what is left, else where to look."""
+    if d.unexplained and d.unexplained.terms:
+        return _generic(d, does)
+    if not (d.left_over and d.left_over.look_at):
+        return ""
+    return f"; what is left has no simple form: look at {some(d.left_over.look_at)}"
 
 
 def _unnamed(d: Diagnosis, words: Words) -> str:
-    if not (d.discovered or d.closest or d.unexplained):
+    left_to_see = d.left_over and d.left_over.look_at
+    if not (d.discovered or d.closest or d.unexplained or left_to_see):
         return f", by so little (p = {d.p_value:.2g}) that no cause is likelier than chance"
     text = f", and no mechanism of the {words.vocabulary} explains all that it gets wrong"
     if d.discovered:
@@ -60,12 +80,17 @@ def _unnamed(d: Diagnosis, words: Words) -> str:
             f" and leaves {words.size(near.rmse_track_m)}" if math.isfinite(near.rmse_track_m) else " and leaves more"
         )
         text += f"{left}, beyond the noise"
-    return text + _generic(d, "would")
+    return text + _left(d, "would")
 
 
 def _named(d: Diagnosis, words: Words) -> str:
     partial = d.status == record.Status.PARTIAL
-    text = f"{' in part' if partial else ''} because it lacks {_listed(d.named, words.lacks)}"
+    return f"{' in part' if partial else ''} because it lacks {_listed(d.named, words.lacks)}{_named_rest(d, words)}"
+
+
+def _named_rest(d: Diagnosis, words: Words) -> str:
+    """What there is to say beside the names."""
+    partial, text = d.status == record.Status.PARTIAL, ""
     if d.discovered:
         text += law_in_words(d.discovered, words, "explains the rest")
     if partial and d.left_over and math.isfinite(d.left_over.share):
@@ -74,7 +99,7 @@ def _named(d: Diagnosis, words: Words) -> str:
         )
         if (wider := d.left_over.widened) > WIDER:
             text += f" (intervals are {wider:.2g} times wider for it)"
-        text += _generic(d, "describes it")
+        text += _left(d, "describes it")
     if d.indistinguishable:
         twins = "; ".join(" or ".join(_listed([m], words.called) for m in t) for t in d.indistinguishable)
         text += f" (the data cannot tell apart: {twins})"

@@ -5,6 +5,7 @@ Fields have the names of the file's keys, in their order. A number that is not k
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -175,6 +176,14 @@ class Suggested:
     value: float | str | bool
     why: str
 
+    @property
+    def line(self) -> str:
+        """As TOML has it."""
+        value = (
+            json.dumps(self.value, ensure_ascii=False) if isinstance(self.value, (str, bool)) else f"{self.value:.6g}"
+        )
+        return f"{self.key} = {value}" if not self.section else f"[{self.section}] {self.key} = {value}"
+
 
 @dataclass(frozen=True)
 class Gain:
@@ -193,11 +202,13 @@ class Gain:
 @dataclass(frozen=True)
 class LeftOver:
     """What the extended model (the baseline, where nothing is named) leaves: chi^2 per degree of freedom, share of what
-    the baseline gets wrong (its excess of chi^2); widened: factor on the intervals for it."""
+    the baseline gets wrong (its excess of chi^2); widened: factor on the intervals for it. look_at: recordings with the
+    largest misfit."""
 
     chi2_per_dof: float
     share: float
     widened: float
+    look_at: tuple[str, ...] = field(default=(), metadata=OPTIONAL)
 
 
 @dataclass(frozen=True)

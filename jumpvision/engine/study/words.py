@@ -10,7 +10,7 @@ from typing import ClassVar
 from jumpvision.engine.document import values as record
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.document import agreement, interval
-from jumpvision.engine.document.sentence import Words
+from jumpvision.engine.document.words import Words
 from jumpvision.engine.fitting import Fit
 from jumpvision.engine.order import Findings
 
@@ -73,7 +73,8 @@ class StudySpeaker:
             return f"{x:.2g}{unit}"
 
         misses = f"The simulation misses the recordings by {size(data.baseline.rmse_track_m)} rms"
-        return Words(misses, size, lacks=lacks, called=lacks)
+        quantities = {p.name: p.words for p in self.system.study.parameters if p.words}
+        return Words(misses, size, lacks=lacks, called=lacks, quantities=quantities)
 
 
 def model_name(system: Studied) -> str:

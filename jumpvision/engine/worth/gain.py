@@ -129,6 +129,19 @@ def extrapolation(problem: Problem, before: Fit, after: Fit, label: str, stops: 
     return out
 
 
+def held_out_ratio(problem: Problem, before: Fit, after: Fit) -> float:
+    """By what the error on conditions held out falls from one model to another, a block of them held out at a time;
+    0 where there is but one, or a model cannot be followed."""
+    observations = problem.system.observations
+    conditions = list(dict.fromkeys(o.condition for o in observations))
+    if len(conditions) < 2:
+        return 0.0
+    folds = np.array_split(np.array(conditions, dtype=object), min(FOLDS, len(conditions)))
+    held = [[i for i, o in enumerate(observations) if o.condition in fold] for fold in folds]
+    found = _score(problem, before, after, held, [float(o.t[0]) for o in observations])
+    return found.ratio if found else 0.0
+
+
 def _score(
     problem: Problem,
     before: Fit,

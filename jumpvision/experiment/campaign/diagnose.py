@@ -17,6 +17,7 @@ from jumpvision.base.storage import ChangedFile, copy_aside
 from jumpvision.base.threads import at_most
 from jumpvision.engine.discovery import Laws
 from jumpvision.engine.document.diagnosis import Diagnosis
+from jumpvision.engine.document.document import worth_telling
 from jumpvision.engine.document.measured import motions_alone
 from jumpvision.engine.document.values import WithoutFilms
 from jumpvision.engine.fitting import Problem
@@ -35,15 +36,17 @@ from jumpvision.jumper.question.forms import Shaped
 from jumpvision.jumper.question.jumper import Jumper, content
 from jumpvision.jumper.question.jumps import Jump
 from jumpvision.jumper.question.learning import Learned, learn_noise
-from jumpvision.jumper.question.words import Beside, diagnosis_of, values
+from jumpvision.jumper.question.suggest import suggested
+from jumpvision.jumper.question.words import Beside, diagnosis_of, values, words_of
 
 from .explore.offers import Way, offer, usual
 from .films import Film, confirmation, energies, films
 from .jumps import load_jumps, measurements, questioned, spec_of
+from .mend import written
 from .model_file import model_files
 
 SEED = 1  # of the simulated noise: the same data give the same answer
-VERSION = 13  # of the method: another one asks again
+VERSION = 14  # of the method: another one asks again
 STAGE = "diagnose"
 
 Say = Callable[[str], None]
@@ -68,7 +71,8 @@ class Question(NamedTuple):
         """Of everything that the diagnosis depends on."""
         own = [(m.name, m.acts_on, m.law, dict(m.let), m.state, m.parameters) for m in self.own]
         measured = [(m.names, m.source, m.values.tobytes(), m.covariance.tobytes()) for m in self.measured]
-        beside = [repr(x) for x in (self.films, measured, own)]
+        folders = [e.path.resolve().name for e in self.experiments]  # which the lines that would mend it name
+        beside = [repr(x) for x in (self.films, measured, own, folders)]
         digest = hashlib.sha256(f"{VERSION} {__version__} {self.ranges} {self.priors} {beside}".encode())
         for j in self.jumps:
             said = (j.name, j.model, j.stop, j.group, j.condition, j.law, sorted(j.labels.items()))
@@ -249,12 +253,13 @@ def _answer(asked: Question, begun: Begun, draw: Draw, say: Say) -> Answer:
     found = order.explain(begun.found)
     if not found.adequate:
         say(diagnosis_of(found, learned).sentence)
-    found = order.foretell(found)
+    found = worth_telling(order.foretell(found))
     alone = motions_alone(found.named_fit, problem)
     rows = confirmation(alone, system, asked.films, asked.measured)
     apart = asked.measured and any(r.contradicts for r in rows)
     without = WithoutFilms(values(alone, system), alone.chi2) if apart else None
     data = diagnosis_of(found, learned, Beside(tuple(energies(found, system)), tuple(rows), without))
+    data = replace(data, suggested=suggested(data.varies, written(asked.experiments), words_of(data)))
     with_law = found.law.system if found.law else system
     assert isinstance(with_law, Jumper)
     models = model_files(found.best, with_law, data.sentence + " Made by jumpvision diagnose.")

@@ -24,7 +24,7 @@ Edits = Mapping[str, Values]
 
 def edited(text: str, edits: Edits, where: str) -> str:
     """The text with values (value, why) by section and key: in the key's place, in the line that keeps it open behind a
-    #, else under the section's header, else in a new section at the end.
+    #, else under the section's header, else in a new section at the end. Section "": above the first one.
 
     where: the file, to name. Raises InputError where another value would change with it, as where a section is none.
     """
@@ -34,7 +34,7 @@ def edited(text: str, edits: Edits, where: str) -> str:
             for key, (value, why) in values.items():
                 out = _put(out, section, key, value, why)
             table: Toml = {key: value for key, (value, _) in values.items()}
-            wanted = merged(wanted, reduce(lambda inner, part: {part: inner}, reversed(section.split(".")), table))
+            wanted = merged(wanted, reduce(lambda inner, part: {part: inner}, reversed(_path(section)), table))
         same = tomllib.loads(out) == wanted
     except (TOMLKitError, tomllib.TOMLDecodeError, TypeError):
         same = False
@@ -47,10 +47,24 @@ def edited(text: str, edits: Edits, where: str) -> str:
 
 def _put(text: str, section: str, key: str, value: object, why: str) -> str:
     document = tomlkit.parse(text)
-    if replaced(document, section.split("."), key, value, why):
+    if replaced(document, _path(section), key, value, why):
         return tomlkit.dumps(document)
+    if not section:
+        return _above(text, line_of(key, value, why))
     # what is kept open stands in comments, which are no part of a document
     return "\n".join(_with(text.split("\n"), section, line_of(key, value, why), key))
+
+
+def _path(section: str) -> list[str]:
+    return section.split(".") if section else []
+
+
+def _above(text: str, line: str) -> str:
+    """The text with a line above the first section, after the last key there."""
+    lines = text.split("\n")
+    end = next((i for i, x in enumerate(lines) if x.lstrip().startswith("[")), len(lines))
+    last = max((i for i in range(end) if "=" in lines[i].partition("#")[0]), default=-1)
+    return "\n".join([*lines[: last + 1], line, *([""] if last < 0 and end < len(lines) else []), *lines[last + 1 :]])
 
 
 def replaced(table: Any, path: list[str], key: str, value: object, why: str) -> bool:

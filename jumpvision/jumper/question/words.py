@@ -13,8 +13,9 @@ import numpy as np
 from jumpvision.engine.document import values as record
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.document import agreement, document, interval
-from jumpvision.engine.document.sentence import Words, contradictions, plus_minus
+from jumpvision.engine.document.sentence import contradictions, plus_minus
 from jumpvision.engine.document.sentence import sentence as sentence_of
+from jumpvision.engine.document.words import Words
 from jumpvision.engine.fitting import Fit
 from jumpvision.engine.order import Findings
 from jumpvision.engine.system import Indexed
@@ -36,6 +37,28 @@ BODIES = {
     "spring": "a force of the spring",
     "film_height": "an error of the filmed height",
     "film_time": "an error of the film's clock",
+}
+QUANTITIES = {
+    "amplitude": "the amplitude of the drive",
+    "frequency": "the frequency of the drive",
+    "motor_lag": "the lag of the motor",
+    "spring_stiffness": "the stiffness of the spring",
+    "spring_damping": "the damping of the spring",
+    "motor_mass": "the mass of the motor",
+    "rod_mass": "the mass of the rod",
+    "foot_mass": "the mass of the foot",
+    "gravity": "gravity along the rail",
+    "bed": "the stiffness of the bed",
+    "scale": "the scale of the camera",
+    "clock_offset": "the offset of the film's clock",
+    "clock_rate": "the rate of the film's clock",
+}
+DRIVE = ("amplitude", "frequency", "phase", "delay")
+KNOWN = {
+    "frequency": ("frequency", "Hz"),
+    "amplitude": ("amplitude", "m"),
+    "delay": ("delay", "s"),
+    "volume_fraction": ("the volume fraction", ""),
 }
 
 
@@ -187,6 +210,11 @@ def words_of(d: Diagnosis, lacks: Mapping[str, str] = MappingProxyType({})) -> W
         lacks={n: m.lacks for n, m in MECHANISMS.items()} | dict(lacks),
         acts_on=BODIES,
         apart=APART,
+        quantities=QUANTITIES,
+        drive=DRIVE,
+        declared_in="experiment.toml says",
+        one="jump",
+        known=KNOWN,
     )
 
 

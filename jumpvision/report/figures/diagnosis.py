@@ -6,11 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Z95
 from jumpvision.engine.detect import LEVEL
 from jumpvision.engine.document.diagnosis import Diagnosis
-from jumpvision.engine.document.values import Cell, Discovered
+from jumpvision.engine.document.values import Cell, Discovered, Varies
 from jumpvision.engine.laws.expression import parse
 from jumpvision.engine.order import Findings
 from jumpvision.jumper.mechanisms.record import LONG_AGO, STATE
@@ -32,6 +33,7 @@ from jumpvision.report.style import (
 )
 
 from .pictures import png
+from .varies import panel, shown
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,11 +46,13 @@ CYCLE = (GREEN, "#56B4E9", "#E69F00", MODEL, ACCENT, MEASURED, "#F0E442", QUIET)
 
 
 def diagnosis_picture(d: Findings, system: Jumper, data: Diagnosis) -> bytes:
-    """Nine panels for a discrepant model, three for an adequate one; (h) is of the jump in (b)."""
+    """Nine panels for a discrepant model, three for an adequate one; (h) is of the jump in (b). Below: what varies."""
     with styled() as Figure:
-        extended = bool(data.named)
-        figure = Figure(figsize=(12.6, 10.4 if d.naming else 3.8), layout="constrained")
-        axes = figure.subplots(3 if d.naming else 1, 3).ravel()
+        extended, varies = bool(data.named), shown(data)
+        rows = (3 if d.naming else 1) + (1 if varies else 0)
+        figure = Figure(figsize=(12.6, 3.4 * rows + (0.4 if rows == 1 else 0.2)), layout="constrained")
+        axes = figure.subplots(rows, 3, squeeze=False).ravel()
+        _varying(axes[-3:], varies)
         _heights(axes[0], data)
         _track(axes[1], d, system, extended)
         _where(figure, axes[2], data)
@@ -75,8 +79,10 @@ def gains(data: Diagnosis, Figure: NewFigure) -> Figure:
 def study_picture(data: Diagnosis) -> bytes:
     """Six panels of a user's own simulator, from the record and its traces alone."""
     with styled() as Figure:
-        figure = Figure(figsize=(12.6, 7.2), layout="constrained")
-        axes = figure.subplots(2, 3).ravel()
+        varies = shown(data)
+        figure = Figure(figsize=(12.6, 10.8 if varies else 7.2), layout="constrained")
+        axes = figure.subplots(3 if varies else 2, 3).ravel()
+        _varying(axes[6:], varies)
         before, after = (
             [float(np.sqrt(np.mean((x.measured - getattr(x, y)) ** 2))) for x in data.traces]
             for y in ("simulated", "extended")
@@ -106,6 +112,14 @@ def study_picture(data: Diagnosis) -> bytes:
         for ax in axes[:2]:
             ax.legend()
         return png(lettered(figure))
+
+
+def _varying(axes: NDArray[np.object_], varies: Sequence[Varies]) -> None:
+    """A row of what varies; nothing where nothing does."""
+    for ax, v in zip(axes, varies):
+        panel(ax, v)
+    for ax in axes[len(varies) :] if varies else ():
+        ax.set_axis_off()
 
 
 def _study_where(ax: Axes, data: Diagnosis) -> None:

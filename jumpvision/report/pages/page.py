@@ -34,7 +34,7 @@ from jumpvision.experiment.workflow.run import Outcome
 from .charts import diagnosis_charts, fits_of, heights_chart
 from .experiment_charts import experiment_charts, whole_disc
 from .quantities import HALF, WHOLE, fit_rows, typeset
-from .verdict import VerdictShown, causes_shown, detectable_shown
+from .verdict import VerdictShown, causes_shown, detectable_shown, suggested_shown
 from .words import campaign_words, drawing, experiment_words, film, inline, noise_words, poster, preview
 
 if TYPE_CHECKING:
@@ -132,6 +132,7 @@ def write_campaign(
 def verdict_shown(campaign: Campaign, d: Diagnosis, truth: Truth | None, picture: Path) -> VerdictShown:
     """All that the verdict on a campaign rests on."""
     from jumpvision.report.figures.diagnosis import discovered_law
+    from jumpvision.report.figures.varies import shown, what_varies
 
     return VerdictShown(
         causes_shown(d, truth),
@@ -142,6 +143,8 @@ def verdict_shown(campaign: Campaign, d: Diagnosis, truth: Truth | None, picture
         picture=inline(picture.read_bytes()) if picture.exists() else None,
         law=drawing(discovered_law, d.discovered) if d.discovered else None,
         synthetic=truth is not None,
+        varies=drawing(what_varies, v) if (v := shown(d)) else None,
+        suggested=suggested_shown(d),
     )
 
 

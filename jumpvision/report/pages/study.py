@@ -11,11 +11,12 @@ from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.sentence import plus_minus
 from jumpvision.experiment import files
 from jumpvision.report.figures.diagnosis import study_picture
+from jumpvision.report.figures.varies import shown, what_varies
 
 from .page import static, template
 from .quantities import typeset
 from .verdict import VerdictShown, causes_shown, detectable_shown
-from .words import inline
+from .words import drawing, inline
 
 
 def write_study(d: Diagnosis, folder: Path, title: str, *, pictures: bool = True) -> list[Path]:
@@ -34,7 +35,7 @@ def write_study(d: Diagnosis, folder: Path, title: str, *, pictures: bool = True
 
 def page(d: Diagnosis, png: bytes, title: str) -> str:
     """The page."""
-    runs = d.runs
+    runs, varies = d.runs, drawing(what_varies, v) if (v := shown(d)) else None
     return template("study.html.j2").render(
         style=static("page.css"),
         script=static("plot.js") + static("page.js"),
@@ -45,7 +46,9 @@ def page(d: Diagnosis, png: bytes, title: str) -> str:
         warnings=d.noise.warnings,
         facts=facts(d),
         next=f"Next experiment: {n.words} separates {' from '.join(n.separates)}." if (n := d.next_experiment) else "",
-        verdict=VerdictShown(causes_shown(d), detectable_shown(d), measured_rows(d), picture=inline(png)),
+        verdict=VerdictShown(
+            causes_shown(d), detectable_shown(d), measured_rows(d), picture=inline(png), varies=varies
+        ),
         fitted=[{"parameter": n, "value": typeset(str(p))} for n, p in (d.fitted or {}).items()],
         runs=f"{runs.made} simulations made, {runs.kept} kept from before, {runs.seconds:.3g} s" if runs else "",
         failures=runs.failures[:10] if runs else (),  # runs that are listed

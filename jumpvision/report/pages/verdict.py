@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from jumpvision.engine.document.diagnosis import Diagnosis, strength
+from jumpvision.engine.document.diagnosis import Diagnosis, chance, strength
 from jumpvision.experiment.campaign.truth import Truth, true_parameters
 from jumpvision.jumper.mechanisms.registry import PARAMETERS
 
@@ -14,8 +14,9 @@ from .quantities import mechanism_words, small, typeset
 
 @dataclass(frozen=True)
 class VerdictShown:
-    """Rows of its tables: causes, detectable, beside (what else was measured); recordings, others: what is questioned,
-    and by what else was measured; picture, law: as a page holds them. synthetic: whether the truth stands beside."""
+    """Rows of its tables: causes, detectable, beside (what else was measured), suggested (lines that would mend it);
+    recordings, others: what is questioned, and by what else was measured; picture, law, varies: as a page holds them.
+    synthetic: whether the truth stands beside."""
 
     causes: list[dict[str, str]]
     detectable: list[dict[str, str]]
@@ -25,6 +26,8 @@ class VerdictShown:
     picture: str | None = None
     law: str | None = None
     synthetic: bool = False
+    varies: str | None = None
+    suggested: list[dict[str, str]] = field(default_factory=list)
 
 
 def mechanism_said(d: Diagnosis, name: str) -> str:
@@ -44,12 +47,17 @@ def detectable_shown(d: Diagnosis) -> list[dict[str, str]]:
     ]
 
 
+def suggested_shown(d: Diagnosis) -> list[dict[str, str]]:
+    """Rows: lines that would mend what varies."""
+    return [{"file": s.file, "line": s.line, "why": s.why} for s in d.suggested]
+
+
 def causes_shown(d: Diagnosis, truth: Truth | None = None) -> list[dict[str, str]]:
     """A row a model that was tried, with its true parameters where it is the named one and they are stated."""
     return [
         {
             "mechanism": " and ".join(mechanism_said(d, m) for m in c.mechanisms),
-            "probability": "< 0.001" if c.probability < 5e-4 else f"{c.probability:.3f}",
+            "probability": chance(c.probability),
             "gain": typeset(f"{c.delta_score:.3g}"),
             "words": typeset(c.words),
             "meanings": typeset("; ".join(f"{n}: {PARAMETERS[n].meaning}" for n in c.parameters if n in PARAMETERS)),
