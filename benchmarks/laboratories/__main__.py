@@ -48,8 +48,8 @@ def asked(task: Task) -> Diagnosis:
     learned = learn_noise(Jumper(task.jumps, task.ranges, task.priors, workers=1))
     system, stops = learned.system, [j.stop for j in task.jumps]
     problem = Problem(system, learned.noise, learned.scatter)
-    laws, shapes = Laws(problem, JumperForms(system), silent), lambda: Shaped(system)
-    found = Order(problem, np.random.default_rng(1), by=("kind",), stops=stops, laws=laws, shapes=shapes).all()
+    laws = lambda p: Laws(p, JumperForms(p.system), silent)  # noqa: E731
+    found = Order(problem, np.random.default_rng(1), by=("kind",), stops=stops, laws=laws, shapes=Shaped).all()
     return diagnosis_of(found, learned)
 
 

@@ -216,8 +216,10 @@ class Order:
             return replace(self, problem=problem).foretell(d)
         if naming is None:
             return replace(d, detectable=tuple(detectable(problem, d.baseline, found, self.rng)))
-        self.say("predicting held-out conditions")
-        best, worth = naming.best.fit, self._gain(d)
+        best, worth = naming.best.fit, None
+        if not (d.varies and d.varies.only_odd(naming.named)):  # which tell nothing of other recordings
+            self.say("predicting held-out conditions")
+            worth = self._gain(d)
         beyond = extrapolation(problem, d.baseline, best, self.by[0], self._times) if self.by else {}
         from .worth.design import propose
 

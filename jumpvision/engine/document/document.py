@@ -23,6 +23,7 @@ from jumpvision.engine.worth.gain import Gain
 from . import values as record
 from .diagnosis import Diagnosis
 from .sentence import contradictions, sentence
+from .varied import forces, titles, varies_of
 from .words import Words
 
 HALVED = 2.0  # factor on the error of held-out motions from which a formula is told
@@ -63,6 +64,7 @@ def document(d: Findings, speaker: Speaker, stopped: str = "") -> Diagnosis:
     """The record of findings. stopped: why they are not all that there could be; "" where they are."""
     d = worth_telling(d)
     n, extended, before = d.naming, d.best is not d.baseline, speaker.model(d.baseline)
+    called = titles(d)
     data = Diagnosis(
         verdict=record.Verdict.ADEQUATE if d.adequate else record.Verdict.DISCREPANT,
         p_value=d.detection.p_value,
@@ -75,16 +77,18 @@ def document(d: Findings, speaker: Speaker, stopped: str = "") -> Diagnosis:
         ),
         heights=(),
         causes=causes(d, speaker),
-        named=n.named if n else (),
+        named=forces(d, n.named) if n else (),
         status=n.status if n else record.Status.UNDETERMINED if stopped else record.Status.COMPLETE,
         left_over=left_over(d, speaker),
         detectable=tuple(record.Detectable(x.mechanism, x.parameter, x.value, x.unit) for x in d.detectable),
-        indistinguishable=n.twins if n else (),
+        indistinguishable=tuple(tuple(called.get(m, m) for m in t) for t in n.twins) if n else (),
         closest=closest(d, speaker),
         unexplained=d.left if d.left and d.left.terms else None,
         extended_model=speaker.model(d.best),
         gain=gain(d.gain, speaker) if extended and d.gain else None,
-        selection=tuple(record.Selection(*x) for x in d.gain.selection) if d.gain else (),
+        selection=tuple(record.Selection(tuple(called.get(m, m) for m in s), k) for s, k in d.gain.selection)
+        if d.gain
+        else (),
         extrapolation={k: gain(g, speaker) for k, g in (d.extrapolation or {}).items()} if extended else {},
         next_experiment=None,
         priors=priors(d),
@@ -94,6 +98,7 @@ def document(d: Findings, speaker: Speaker, stopped: str = "") -> Diagnosis:
         confirmation=(),
         sentence="",
         confirmed=None,
+        varies=varies_of(d),
     )
     data = speaker.completed(with_law(data, d.law) if d.law else data, d)
     if data.status == record.Status.UNDETERMINED:  # what a rejected model foretells is worth nothing
@@ -130,9 +135,10 @@ def causes(d: Findings, speaker: Speaker) -> tuple[record.Cause, ...]:
     if (n := d.naming) is None:
         return ()
     out = []
-    for mechanism in likely(n)[:8]:  # a page tells no more causes
+    called = titles(d)
+    for mechanism in forces(d, likely(n))[:8]:  # a page tells no more causes
         e = next(e for e in n.tried if mechanism in e.mechanisms)
-        others = tuple(m for m in e.mechanisms if m != mechanism)
+        others = tuple(called.get(m, m) for m in e.mechanisms if m != mechanism)
         chances, found = n.chances(mechanism), speaker.parameters(e.fit, mechanism)
         spread = (min(chances), max(chances))
         out.append(record.Cause(mechanism, others, n.probability(mechanism), spread, e.delta_score, found))
@@ -141,11 +147,11 @@ def causes(d: Findings, speaker: Speaker) -> tuple[record.Cause, ...]:
 
 def closest(d: Findings, speaker: Speaker) -> record.Closest | None:
     """The likeliest model where none passes the test; None where one does, or that is the baseline."""
-    if d.naming is None or d.naming.named or not (e := d.naming.best).mechanisms:
+    if d.naming is None or d.naming.named or not (mechanisms := forces(d, (e := d.naming.best).mechanisms)):
         return None
-    found = {name: value for m in e.mechanisms for name, value in speaker.parameters(e.fit, m).items()}
+    found = {name: value for m in mechanisms for name, value in speaker.parameters(e.fit, m).items()}
     worth = gain(d.gain, speaker) if d.gain else None
-    return record.Closest(e.mechanisms, d.naming.suffices * e.probability, found, rmse(speaker, e.fit), worth)
+    return record.Closest(mechanisms, d.naming.suffices * e.probability, found, rmse(speaker, e.fit), worth)
 
 
 def with_law(data: Diagnosis, law: Law) -> Diagnosis:
@@ -153,7 +159,7 @@ def with_law(data: Diagnosis, law: Law) -> Diagnosis:
     look_at = data.left_over.look_at if data.left_over and law.status is record.Status.PARTIAL else ()
     return replace(
         data,
-        named=law.fit.mechanisms[:-1],
+        named=tuple(m for m in law.fit.mechanisms[:-1] if m not in getattr(law.system, "patterns", {})),
         status=law.status,
         left_over=record.LeftOver(law.found.detection.chi2_per_dof, 1.0 - law.found.r2, 1.0, look_at),
         indistinguishable=(),

@@ -11,6 +11,7 @@ from .values import Pattern, Varies
 from .words import Words
 
 TOLD = 3  # names of recordings that a sentence gives
+RECORDING = "recording"  # the parameter of one that no number of its own explains
 FRAMES = "frames"  # the unit of frames that a film lost
 IN_ORDER = ("order", "time")
 
@@ -19,6 +20,8 @@ def varies_in_words(v: Varies, words: Words) -> str:
     """What a number does, as a clause of a sentence: "alpha scatters by 5.1 % (4.0 to 7.0) from jump to jump"."""
     if v.unit == FRAMES and v.kind is not Pattern.SCATTER:
         return _lost(v)
+    if v.kind is Pattern.ODD and v.parameter == RECORDING:
+        return f"{some(v.recordings)} does not fit, whichever of its numbers is changed"
     if v.kind is Pattern.ODD:
         return _not_driven([v], words) if v.parameter in words.drive else f"{_level(v, words)} in {some(v.recordings)}"
     if v.kind is Pattern.SCATTER:

@@ -16,6 +16,7 @@ import scipy
 
 from jumpvision.base.arrays import Array
 from jumpvision.engine.detect import Detection, detect, directions
+from jumpvision.engine.document.values import Pattern as Kind
 from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.naming import Naming
 from jumpvision.engine.search import log_prior
@@ -51,6 +52,11 @@ class Varies:
     patterns: tuple[Varied, ...] = ()
     scatter: Scatter | None = None
     aside: tuple[int, ...] = ()
+
+    def only_odd(self, named: Sequence[str]) -> bool:
+        """Whether all that is named is of recordings that stand apart."""
+        odd = {v.pattern.name for v in self.patterns if v.pattern.kind is Kind.ODD}
+        return bool(odd) and set(named) <= odd
 
     def __bool__(self) -> bool:
         return bool(self.patterns or self.scatter or self.aside)
@@ -103,7 +109,8 @@ class Scattered:
 def scattered(problem: Problem, seen: Screen, base: Fit, least: float, rng: np.random.Generator) -> Scattered | None:
     """The likeliest scatter where it gains more than `least` nats, and the model is adequate with it."""
     for s in seen.scatters[:1]:
-        if s.log_evidence - seen.log_price + 0.5 * seen.base <= max(least, WORTH):
+        s = replace(s, gained=s.log_evidence - seen.log_price + 0.5 * seen.base)
+        if s.gained <= max(least, WORTH):
             continue
         system = problem.system
         assert isinstance(system, Varying)

@@ -89,11 +89,18 @@ class Weighed:
     log_evidence: float
     shared: Mapping[str, float] = field(default_factory=dict)
 
+    @property
+    def significance(self) -> float:
+        """Of the coefficients other than a common value of its own, in standard uncertainties."""
+        own = self.coefficients.size - self.pattern.about_own
+        values = self.coefficients[:own]
+        return math.sqrt(max(float(values @ np.linalg.solve(self.covariance[:own, :own], values)), 0.0))
+
 
 @dataclass(frozen=True)
 class Scatter:
     """A number that differs from recording to recording without order: its standard deviation [as a change], the 90 %
-    interval of it."""
+    interval of it. gained: nats over no scatter, the price of the question paid."""
 
     variable: Variable
     value: float
@@ -101,7 +108,8 @@ class Scatter:
     high: float
     mean: float
     log_evidence: float
-    apart: Apart = field(repr=False, compare=False, default=None)  # type: ignore[assignment]
+    apart: Apart = field(repr=False, compare=False)
+    gained: float = 0.0
 
 
 def weigh(pattern: Pattern, found: Apart) -> Weighed:

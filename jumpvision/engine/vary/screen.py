@@ -15,6 +15,7 @@ from .variables import LOST
 
 FULL = 6  # numbers whose values are fitted in full: those that take most from chi^2, linearly
 KEPT, CLOSE = 4, 12.0  # patterns that are tried beside mechanisms; nats behind the best up to which they are
+CLEAR = 3.0  # standard uncertainties that a pattern's own coefficients must be off, beside a common value
 KINDS = 5  # of patterns, each as likely before
 
 
@@ -55,7 +56,7 @@ def screen(problem: Problem, fit: Fit, without: Sequence[str] = ()) -> Screen:
     found = tuple(a for a in full if a is not None and math.isfinite(a.chi2))
     price = math.log(max(len(every), 1)) + math.log(KINDS)
     observations = problem.system.observations
-    weighed = [weigh(p, a) for a in found for p in patterns(a, observations)]
+    weighed = [w for a in found for p in patterns(a, observations) if (w := weigh(p, a)).significance > CLEAR]
     weighed.sort(key=lambda w: -w.log_evidence)
     scatters = sorted((s for a in found if (s := scatter(a)) is not None), key=lambda s: -s.log_evidence)
     return Screen(found, tuple(weighed), tuple(scatters), price, fit.chi2)

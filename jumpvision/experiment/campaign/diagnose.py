@@ -254,6 +254,10 @@ def _answer(asked: Question, begun: Begun, draw: Draw, say: Say) -> Answer:
     if not found.adequate:
         say(diagnosis_of(found, learned).sentence)
     found = worth_telling(order.foretell(found))
+    if found.problem is not None:
+        problem = found.problem
+        assert isinstance(problem.system, Jumper)
+        system = problem.system
     alone = motions_alone(found.named_fit, problem)
     rows = confirmation(alone, system, asked.films, asked.measured)
     apart = asked.measured and any(r.contradicts for r in rows)

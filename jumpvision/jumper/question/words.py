@@ -130,7 +130,7 @@ class JumperSpeaker:
 
 def diagnosis_of(d: Findings, learned: Learned, beside: Beside | None = None) -> Diagnosis:
     """The record of a campaign's findings."""
-    system = d.law.system if d.law else learned.system
+    system = d.law.system if d.law else d.problem.system if d.problem else learned.system
     assert isinstance(system, Jumper)
     data = document(d, JumperSpeaker(learned, system, beside or Beside()))
     return replace(data, confirmed=confirmed(data))

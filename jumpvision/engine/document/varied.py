@@ -1,0 +1,158 @@
+"""What varies, from findings to the record: numbers with their units, recordings by their names."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from jumpvision.base.arrays import Z90, Array
+from jumpvision.engine.order import Findings
+from jumpvision.engine.system import Observation
+from jumpvision.engine.vary.explain import Varied, mechanisms_of, patterns_of
+from jumpvision.engine.vary.patterns import Pattern, Scatter
+from jumpvision.engine.vary.variables import Variable
+
+from . import values as record
+from .varies import RECORDING
+
+
+
+def varies_of(d: Findings) -> tuple[record.Varies, ...]:
+    """Every number that varies, the surest first."""
+    if not d.varies or d.problem is None:
+        return ()
+    observations = d.problem.system.observations
+    fitted = d.best.named
+    out = [v for x in d.varies.patterns for v in _pattern(x, observations, fitted)]
+    if d.varies.scatter:
+        out.append(_scatter(d.varies.scatter, observations, fitted))
+    out += [_aside(i, d, observations) for i in d.varies.aside]
+    return tuple(out)
+
+
+def forces(d: Findings, names: Sequence[str]) -> tuple[str, ...]:
+    """The mechanisms among the names of a model's candidates."""
+    return tuple(names) if d.problem is None else mechanisms_of(d.problem, names)
+
+
+def titles(d: Findings) -> Mapping[str, str]:
+    """Of the patterns among the candidates, for a reader."""
+    if d.problem is None:
+        return {}
+    observations = d.problem.system.observations
+    return {n: _title(p, observations) for n, p in patterns_of(d.problem).items()}
+
+
+def _title(p: Pattern, observations: Sequence[Observation]) -> str:
+    what = " and ".join(dict.fromkeys(v.name for v in p.variables))
+    if p.kind is record.Pattern.ODD:
+        names = [observations[i].name for i in p.members]
+        return f"{what} of {', '.join(names[:3])}{' and others' if len(names) > 3 else ''}"
+    return f"{what} with {p.of or 'recording'}"
+
+
+def _pattern(x: Varied, observations: Sequence[Observation], fitted: Mapping[str, float]) -> Iterator[record.Varies]:
+    """One entry a number; of recordings with values of their own, one each."""
+    p = x.pattern
+    own = p.design.shape[1] - p.about_own
+    for k in range(own):
+        column, v = p.design[:, k], p.variables[k]
+        base = float(x.coefficients[-1]) if p.about_own else 0.0
+        far = int(np.argmax(np.abs(column)))  # where it is largest
+        at = np.zeros(p.design.shape[1])
+        at[k] = column[far]
+        at[-1] += 1.0 if p.about_own else 0.0
+        sigma = math.sqrt(max(float(at @ x.covariance @ at), 0.0))
+        change = float(at @ x.coefficients)
+        members = tuple(np.flatnonzero(column).tolist()) if p.kind is record.Pattern.ODD else p.members
+        if p.kind is record.Pattern.FUNCTION and not members and math.isfinite(p.break_at):
+            members = tuple(np.flatnonzero(column > 0).tolist())
+        ends = sorted(_value(v, change + s * Z90 * sigma, fitted) for s in (-1.0, 1.0))
+        yield record.Varies(
+            parameter=v.name,
+            kind=p.kind,
+            of=p.of,
+            recordings=tuple(observations[i].name for i in members),
+            value=_value(v, change, fitted),
+            low=ends[0],
+            high=ends[1],
+            unit=v.unit or "1",
+            declared=_value(v, base, fitted),
+            p_value=x.p_value,
+            established=True,
+            each=_each(x, v, observations, fitted),
+            at=_at(p, observations),
+            source=_source(p.of, observations),
+        )
+
+
+def _value(v: Variable, change: float, fitted: Mapping[str, float]) -> float:
+    """The number itself; what was fitted to all where it was."""
+    level = fitted.get(v.name, v.declared)
+    return level * (1.0 + change) if v.relative else level + change
+
+
+def _each(
+    x: Varied, v: Variable, observations: Sequence[Observation], fitted: Mapping[str, float]
+) -> dict[str, tuple[float, float]]:
+    if x.each is None or x.each.variable.name != v.name:
+        return {}
+    whole = x.pattern.changes(x.coefficients)[v.name] + x.each.change
+    return _values(whole, x.each.sigma, v, observations, fitted)
+
+
+def _values(
+    changes: Array, sigma: Array, v: Variable, observations: Sequence[Observation], fitted: Mapping[str, float]
+) -> dict[str, tuple[float, float]]:
+    size = abs(fitted.get(v.name, v.declared)) if v.relative else 1.0
+    each = zip(observations, changes, sigma)
+    return {o.name: (_value(v, float(c), fitted), float(min(s, v.spread)) * size) for o, c, s in each}
+
+
+def _at(p: Pattern, observations: Sequence[Observation]) -> dict[str, float | str]:
+    if p.at is not None:
+        return {o.name: float(a) for o, a in zip(observations, p.at) if math.isfinite(a)}
+    if p.of == "session":
+        return {o.name: o.circumstances.session or "" for o in observations}
+    return {o.name: o.circumstances.labels[p.of] for o in observations if p.of in o.circumstances.labels}
+
+
+def _source(of: str | None, observations: Sequence[Observation]) -> str:
+    return observations[0].circumstances.source if of in ("order", "time") else ""
+
+
+def _scatter(s: Scatter, observations: Sequence[Observation], fitted: Mapping[str, float]) -> record.Varies:
+    v = s.variable
+    size = abs(fitted.get(v.name, v.declared)) if v.relative else 1.0
+    return record.Varies(
+        parameter=v.name,
+        kind=record.Pattern.SCATTER,
+        of=None,
+        recordings=(),
+        value=s.value * size,
+        low=s.low * size,
+        high=s.high * size,
+        unit=v.unit or "1",
+        declared=fitted.get(v.name, v.declared),
+        p_value=min(1.0, math.exp(-min(max(s.gained, 0.0), 700.0))),
+        established=True,
+        each=_values(s.apart.change, s.apart.sigma, v, observations, fitted),
+    )
+
+
+def _aside(i: int, d: Findings, observations: Sequence[Observation]) -> record.Varies:
+    return record.Varies(
+        parameter=RECORDING,
+        kind=record.Pattern.ODD,
+        of=None,
+        recordings=(observations[i].name,),
+        value=math.nan,
+        low=math.nan,
+        high=math.nan,
+        unit="1",
+        declared=math.nan,
+        p_value=d.detection.p_value,
+        established=True,
+    )
