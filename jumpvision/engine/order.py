@@ -27,6 +27,7 @@ from .worth.gain import Choose, Gain, extrapolation, gain
 if TYPE_CHECKING:  # imported where they are asked for: most questions end before
     from .unexplained import Shapes
     from .vary.explain import Varies, Wider
+    from .vary.odd import Odd
     from .worth.design import Proposal
 
 STARTS = 6  # of the baseline's fit where runs cost; else four times as many, over the ranges of its parameters
@@ -138,6 +139,8 @@ class Order:
         tried = len(self.problem.system.candidates)
         self.say(f"discrepant (p = {d.detection.p_value:.2g}): asking which numbers vary")
         wide = self._wider(d.baseline)
+        if wide is not None and wide.odd is not None and wide.odd.exchanged:
+            return self._without(d, wide.odd)
         order = self if wide is None else replace(self, problem=wide.problem)
         self.say(f"trying {tried} mechanisms")
         found = order.name(replace(d, problem=order.problem))
@@ -169,8 +172,16 @@ class Order:
             return replace(d, baseline=s.baseline, detection=s.detection, varies=said, problem=s.problem)
         if complete or wide.odd is None:
             return replace(found, varies=explain.Varies(explain.varied(problem, naming, d.baseline)))
-        part, fit, test = explain.aside(problem, wide.odd, rng)
-        return replace(d, varies=explain.Varies(aside=wide.odd.members), problem=part)
+        return self._without(d, wide.odd)
+
+    def _without(self, d: Findings, odd: Odd) -> Findings:
+        """What is found where a few recordings are set aside."""
+        from .vary import explain
+
+        from .vary.odd import set_aside
+
+        part = self.problem.asked_of(set_aside(self.problem.system, odd.members))
+        return replace(d, varies=explain.Varies(aside=odd.members, commands=odd.commands), problem=part)
 
     def _again(self, found: Findings) -> tuple[Order, Findings]:
         """What is named with what varies about it, where that explains more."""

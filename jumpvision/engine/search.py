@@ -243,17 +243,21 @@ def limits(problem: Problem, fit: Fit, d: Direction) -> tuple[float, float]:
 def race(problem: Problem, starts: Sequence[Start], leading: int = LEADING) -> list[Fit]:
     """The best fit of every set of mechanisms, the likeliest first; those that cannot win are not fitted to the end.
 
-    The first lap goes over a few conditions only; who leads there goes on.
+    The first lap goes over a few conditions only; who leads there goes on, and what was found to fit before.
     """
-    few = some(problem, FEW)
-    tried = problem.each(partial(problem.fit, m, s, few, LAP) for m, s in starts)
+    few, candidates = some(problem, FEW), problem.system.candidates
+    # what some recordings have for themselves shows in those alone
+    whole = [(m, s) for m, s in starts if any(candidates[x].begin is not None for x in m)]
+    first_lap = [x for x in starts if x not in whole]
+    tried = problem.each(partial(problem.fit, m, s, few, LAP) for m, s in first_lap)
     first = sorted((f for f in tried if f is not None), key=lambda f: f.chi2)
     lap: dict[Key, Fit] = {}
     for fit in first:
         lap.setdefault(frozenset(fit.mechanisms), fit)
     ahead = list(lap.values())[:leading]
     ahead += [f for f in lap.values() if f.chi2 < ahead[0].chi2 + CLOSE and f not in ahead]
-    begun = problem.each(partial(problem.fit, g.mechanisms, g.named, iterations=LAP) for g in ahead)
+    onward = [*whole, *((g.mechanisms, g.named) for g in ahead)]
+    begun = problem.each(partial(problem.fit, m, s, iterations=LAP) for m, s in onward)
     running = [f for f in begun if f is not None]
     for _ in range(LAPS):
         best = min((f.chi2 for f in running), default=0.0)

@@ -15,7 +15,7 @@ from jumpvision.engine.vary.patterns import Pattern, Scatter
 from jumpvision.engine.vary.variables import Variable
 
 from . import values as record
-from .varies import RECORDING
+from .varies import COMMAND, RECORDING
 
 
 
@@ -143,8 +143,9 @@ def _scatter(s: Scatter, observations: Sequence[Observation], fitted: Mapping[st
 
 
 def _aside(i: int, d: Findings, observations: Sequence[Observation]) -> record.Varies:
+    like = d.varies.commands.get(i) if d.varies else None
     return record.Varies(
-        parameter=RECORDING,
+        parameter=RECORDING if like is None else COMMAND,
         kind=record.Pattern.ODD,
         of=None,
         recordings=(observations[i].name,),
@@ -155,4 +156,5 @@ def _aside(i: int, d: Findings, observations: Sequence[Observation]) -> record.V
         declared=math.nan,
         p_value=d.detection.p_value,
         established=True,
+        at={} if like is None else {observations[i].name: observations[like].name},
     )

@@ -12,6 +12,7 @@ from .words import Words
 
 TOLD = 3  # names of recordings that a sentence gives
 RECORDING = "recording"  # the parameter of one that no number of its own explains
+COMMAND = "command"  # of one that was driven as another should have been
 FRAMES = "frames"  # the unit of frames that a film lost
 IN_ORDER = ("order", "time")
 
@@ -20,6 +21,8 @@ def varies_in_words(v: Varies, words: Words) -> str:
     """What a number does, as a clause of a sentence: "alpha scatters by 5.1 % (4.0 to 7.0) from jump to jump"."""
     if v.unit == FRAMES and v.kind is not Pattern.SCATTER:
         return _lost(v)
+    if v.kind is Pattern.ODD and v.parameter == COMMAND:
+        return f"{v.recordings[0]} was driven as {v.at[v.recordings[0]]} was to be, not as its {words.declared_in}"
     if v.kind is Pattern.ODD and v.parameter == RECORDING:
         return f"{some(v.recordings)} does not fit, whichever of its numbers is changed"
     if v.kind is Pattern.ODD:

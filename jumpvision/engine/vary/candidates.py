@@ -27,12 +27,12 @@ def candidate(w: Weighed, log_price: float) -> Candidate:
         Parameter(
             coefficient(pattern.name, k),
             0.0,
-            max(-FAR * v.spread, v.least),
-            FAR * v.spread,
-            max(abs(float(x)), 0.01 * v.spread),  # so that a search begins at the value that the screen found
-            v.spread,
+            max(-FAR * s, v.least),
+            FAR * s,
+            max(abs(float(x)), 0.01 * s),  # so that a search begins at the value that the screen found
+            float(s),
         )
-        for k, (v, x) in enumerate(zip(pattern.variables, w.coefficients))
+        for k, (v, x, s) in enumerate(zip(pattern.variables, w.coefficients, pattern.spreads))
     )
     shape = tuple(float(x) for x in w.coefficients[1:])
     begin = {**w.shared, **{p.name: float(x) for p, x in zip(free, w.coefficients)}}

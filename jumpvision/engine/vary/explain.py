@@ -8,8 +8,8 @@ counts where that alone makes the model adequate and is likelier than every caus
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy
@@ -23,7 +23,7 @@ from jumpvision.engine.search import log_prior
 
 from .apart import Apart, linear
 from .candidates import coefficient
-from .odd import Odd, odd_ones, set_aside
+from .odd import Odd, odd_ones
 from .patterns import Pattern, Scatter, Weighed
 from .screen import Screen, screen
 from .variables import Varying
@@ -47,11 +47,13 @@ class Varied:
 
 @dataclass(frozen=True)
 class Varies:
-    """What varies: patterns that are named; scatter; recordings that no number of theirs explains, set aside."""
+    """What varies: patterns that are named; scatter; recordings that no number of theirs explains, set aside;
+    those of them that were driven by the command of another."""
 
     patterns: tuple[Varied, ...] = ()
     scatter: Scatter | None = None
     aside: tuple[int, ...] = ()
+    commands: Mapping[int, int] = field(default_factory=dict)
 
     def only_odd(self, named: Sequence[str]) -> bool:
         """Whether all that is named is of recordings that stand apart."""
@@ -127,12 +129,6 @@ def scattered(problem: Problem, seen: Screen, base: Fit, least: float, rng: np.r
         if not found.discrepant:
             return Scattered(with_it, fit, found, s)
     return None
-
-
-def aside(problem: Problem, odd: Odd, rng: np.random.Generator) -> tuple[Problem, Fit, Detection]:
-    """The problem without the recordings that stand apart, its baseline and test."""
-    part = problem.asked_of(set_aside(problem.system, odd.members))
-    return part, odd.fit, detect(part, odd.fit, directions(part, odd.fit), rng)
 
 
 def patterns_of(problem: Problem) -> dict[str, Pattern]:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import copy
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import scipy
@@ -23,6 +24,7 @@ from .variables import Variable
 
 SHARE = 6  # one recording in so many may stand apart
 HALF = 0.5  # of the excess of chi^2 that must go with each recording left out, or they are not a few odd ones
+FACTORS = (10.0, 0.1, 100.0, 0.01, 1000.0, 1e-3, 2.0, 0.5, 2.0 * math.pi, 0.5 / math.pi, 9.81, 1.0 / 9.81)  # of a slip
 FEW = 6  # numbers that are tried two by two: those that alone do best
 SINGLE = 1e-3  # chance below which a recording is not described by its numbers
 LAPS = 12
@@ -31,11 +33,26 @@ LAPS = 12
 @dataclass(frozen=True)
 class Odd:
     """members: recordings without which the model is adequate; fit: of the others. described: of each the numbers that
-    mend it, None where none do."""
+    mend it, None where none do. commands: by which command a member was driven, of which other recording."""
 
     members: tuple[int, ...]
     fit: Fit
     described: tuple[Weighed | None, ...]
+    commands: Mapping[int, int]
+
+    @property
+    def exchanged(self) -> bool:
+        """Whether every one of them moves as another was to be driven."""
+        return all(i in self.commands for i in self.members)
+
+
+@runtime_checkable
+class Commanded(Protocol):
+    """A system that can foretell a recording driven as another one was."""
+
+    def predict_commanded(
+        self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: int, like: int
+    ) -> Array: ...
 
 
 def set_aside(system: System, members: Sequence[int]) -> System:
@@ -65,8 +82,24 @@ def odd_ones(problem: Problem, fit: Fit, rng: np.random.Generator) -> Odd | None
         rest, excess = again, again.chi2 - part.n
         if not detect(part, rest, (), rng).discrepant:
             found = tuple(sorted(members))
-            return Odd(found, rest, tuple(described(problem, rest, i) for i in found))
+            commands = {i: j for i in found if (j := command_of(problem, rest, i)) is not None}
+            numbers = tuple(None if i in commands else described(problem, rest, i) for i in found)
+            return Odd(found, rest, numbers, commands)
     return None
+
+
+def command_of(problem: Problem, fit: Fit, i: int) -> int | None:
+    """The other recording by whose command this one was driven; None where no command describes it."""
+    if not isinstance(problem.system, Commanded):
+        return None
+    alone, observations = _Alone(problem, fit, i), problem.system.observations
+    n, best = observations[i].independent, (math.inf, -1)
+    for j in (j for j in problem.all if observations[j].condition != observations[i].condition):
+        y = problem.system.predict_commanded(fit.mechanisms, fit.named, i, j)
+        if np.isfinite(y).all():
+            r = problem.whitening[i].whitened(observations[i].y - y, alone.frame)
+            best = min(best, (float(r @ r), j))
+    return best[1] if scipy.stats.chi2.sf(best[0], n) > SINGLE else None
 
 
 def _fall(fit: Fit, i: int) -> float:
@@ -84,7 +117,7 @@ def described(problem: Problem, fit: Fit, i: int) -> Weighed | None:
     """One number of a recording with which the model describes it, else two; the others as they are fitted."""
     alone = _Alone(problem, fit, i)
     usable = [v for v in variables(problem.system).values() if not v.whole]
-    singles = [_Told((v,), x) for v in usable if (x := alone.fitted((v,), _grid(v))) is not None]
+    singles = [_Told((v,), x) for v in usable if (x := alone.fitted((v,), [*_grid(v), *_factors(v)])) is not None]
     if (found := _best(singles, alone, len(usable))) is not None:
         return found
     top = sorted(singles, key=lambda x: x.found.chi2)[:FEW]
@@ -105,6 +138,10 @@ def _grid(v: Variable) -> list[Array]:
     return [np.array([f * v.spread]) for f in (0.0, *GRID)]
 
 
+def _factors(v: Variable) -> list[Array]:
+    return [np.array([f - 1.0]) for f in FACTORS] if v.relative else []
+
+
 @dataclass(frozen=True)
 class _Found:
     """chi^2 of a recording, numbers of its own (k,) and their covariance."""
@@ -120,9 +157,13 @@ class _Told:
     found: _Found
 
     @property
+    def widths(self) -> Array:
+        """Of the numbers before the data: a mistake of a factor is as likely as a small one."""
+        return np.maximum([v.spread for v in self.variables], np.abs(self.found.values))
+
+    @property
     def log_evidence(self) -> float:
-        spread = np.array([v.spread for v in self.variables])
-        size = self.found.values / spread
+        size, spread = self.found.values / self.widths, self.widths
         volume = 0.5 * float(np.linalg.slogdet(self.found.covariance)[1]) - float(np.sum(np.log(spread)))
         return -0.5 * self.found.chi2 - 0.5 * float(size @ size) + volume
 
@@ -138,7 +179,7 @@ def _best(tried: Sequence[_Told], alone: _Alone, count: int) -> Weighed | None:
     design = np.zeros((len(alone.problem.all), len(best.variables)))
     design[alone.i] = 1.0
     price = math.log(len(alone.problem.all)) + len(best.variables) * math.log(count)
-    pattern = Pattern(best.variables, Kind.ODD, None, design, (alone.i,), log_price=price)
+    pattern = Pattern(best.variables, Kind.ODD, None, design, (alone.i,), log_price=price, widths=best.widths)
     return Weighed(
         pattern, best.found.values, best.found.covariance, best.found.chi2, best.log_evidence - price, alone.fit.named
     )
@@ -177,9 +218,10 @@ class _Alone:
             if (moved := self._jacobian(chosen, x, steps)) is None:
                 return None
             r, j = moved
-            inner = j.T @ j + np.diag((3.0 * spread) ** -2)
+            wide = 3.0 * np.maximum(spread, np.abs(x))
+            inner = j.T @ j + np.diag(wide**-2.0)
             full = inner + damping * np.diag(np.diag(inner))
-            step = np.linalg.solve(full, j.T @ r - x / (3.0 * spread) ** 2)
+            step = np.linalg.solve(full, j.T @ r - x / wide**2)
             there = self.chi2(chosen, x + step)
             gained = float(r @ r) - there
             if gained > 0:

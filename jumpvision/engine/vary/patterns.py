@@ -32,7 +32,8 @@ class Pattern:
 
     variables: of each coefficient, mostly the same. of: what it goes with, None where it has no order. design: (N, k). members: recordings that stand apart. at: (N,)
     abscissa, NaN where not known. break_at: where a step or a bend lies, in units of `at`. log_price: of the
-    alternatives of its kind. since: (N,) as in Apart.
+    alternatives of its kind. since: (N,) as in Apart. widths: (k,) of the coefficients before the data, in the place of
+    the numbers' spreads: of a number that is off by a factor.
     """
 
     variables: tuple[Variable, ...]
@@ -44,6 +45,7 @@ class Pattern:
     break_at: float = math.nan
     log_price: float = 0.0
     since: Array | None = None
+    widths: Array | None = None
 
     @property
     def variable(self) -> Variable:
@@ -64,7 +66,9 @@ class Pattern:
 
     @property
     def spreads(self) -> Array:
-        """(k,) of the coefficients."""
+        """(k,) of the coefficients, before the data."""
+        if self.widths is not None:
+            return self.widths
         return np.array([v.spread for v in self.variables])
 
     def changes(self, coefficients: Array) -> dict[str, Array]:

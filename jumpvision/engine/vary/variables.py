@@ -100,14 +100,17 @@ def shown(o: Observation, y: Array, faults: Mapping[str, float], since: float) -
     faults: changes by the names of `instruments`. A frame stamped t shows t + offset + rate (t - first); frames that
     were lost at `since` [s] leave the later stamps behind by as many.
     """
-    scale, offset, rate, lost = (faults.get(n, 0.0) for n in (SCALE, OFFSET, RATE, LOST))
-    if offset or rate or lost:
+    if any(faults.get(n) for n in CLOCK):
         y = y.copy()
         for block in [b.readings for b in o.blocks] or [slice(0, o.t.size)]:
-            t = o.t[block]
-            at = t + offset + rate * (t - t[0]) + lost * float(np.median(np.diff(t))) * (t >= since)
-            y[block] = _at(t, y[block], at)
-    return (1.0 + scale) * y
+            y[block] = _at(o.t[block], y[block], true_times(o.t[block], faults, since))
+    return (1.0 + faults.get(SCALE, 0.0)) * y
+
+
+def true_times(t: Array, faults: Mapping[str, float], since: float) -> Array:
+    """When frames stamped t (n,) [s] were taken, by a clock with these faults."""
+    offset, rate, lost = (faults.get(n, 0.0) for n in CLOCK)
+    return np.asarray(t + offset + rate * (t - t[0]) + lost * float(np.median(np.diff(t))) * (t >= since))
 
 
 def _at(t: Array, y: Array, at: Array) -> Array:
@@ -121,6 +124,7 @@ def _at(t: Array, y: Array, at: Array) -> Array:
 
 
 BEYOND = 3.0
+CLOCK = (OFFSET, RATE, LOST)
 INSTRUMENT = (SCALE, OFFSET, RATE, LOST)
 
 
@@ -129,12 +133,16 @@ def faults_of(changes: Changes) -> Changes:
     return {n: c for n, c in changes.items() if n in (*INSTRUMENT, SINCE)}
 
 
+def fault_of(changes: Changes, i: int) -> tuple[dict[str, float], float]:
+    """Those of recording i by name, and since when frames are lost there [s]."""
+    mine = {n: float(c[i]) for n, c in changes.items() if n in INSTRUMENT}
+    return mine, float(changes[SINCE][i]) if SINCE in changes else 0.0
+
+
 def shown_each(
     observations: Sequence[Observation], said: Sequence[Array], faults: Changes, which: Sequence[int]
 ) -> list[Array]:
     """What the instruments of these recordings show of what is said of them."""
     if not faults:
         return list(said)
-    since = faults.get(SINCE, np.zeros(len(observations)))
-    mine = [{n: float(c[i]) for n, c in faults.items() if n != SINCE} for i in which]
-    return [shown(observations[i], y, f, float(since[i])) for i, y, f in zip(which, said, mine)]
+    return [shown(observations[i], y, *fault_of(faults, i)) for i, y in zip(which, said)]

@@ -22,7 +22,7 @@ AMPLITUDE, FREQUENCY = "amplitude", "frequency"  # of the drive
 DRIVE = (AMPLITUDE, FREQUENCY)
 MACHINE = ("spring_stiffness", "spring_damping", "motor_mass", "foot_mass", "gravity")
 STIFF = tuple(p.name for p in PARAMETERS.values() if p.stiffness)
-SPREAD, STEP = 0.1, 1e-3  # shares of a value: plausible difference between recordings, step of derivatives
+SPREAD, STEP, LEAST = 0.1, 1e-3, -0.9995  # shares of a value: plausible difference, step of derivatives, greatest loss
 
 
 def variables_of(jumps: Sequence[Jump]) -> dict[str, Variable]:
@@ -45,7 +45,7 @@ def _used(model: Model, name: str) -> bool:
 
 
 def _share(name: str, value: float, unit: str) -> Variable:
-    return Variable(name, float(value), unit, SPREAD, STEP, least=-0.9)
+    return Variable(name, float(value), unit, SPREAD, STEP, least=LEAST)
 
 
 def _unit(model: Model, name: str) -> str:

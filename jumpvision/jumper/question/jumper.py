@@ -21,7 +21,7 @@ from jumpvision.engine.vary.apart import predicted, variable
 from jumpvision.engine.vary.candidates import candidate as pattern_candidate
 from jumpvision.engine.vary.candidates import changes_of
 from jumpvision.engine.vary.patterns import Pattern, Weighed
-from jumpvision.engine.vary.variables import Changes, Variable, added, faults_of, shown_each
+from jumpvision.engine.vary.variables import SCALE, Changes, Variable, added, fault_of, true_times
 from jumpvision.jumper.mechanisms.own import parameters_with
 from jumpvision.jumper.mechanisms.record import Body, Mechanism
 from jumpvision.jumper.mechanisms.registry import MECHANISMS, PARAMETERS, acting
@@ -316,6 +316,7 @@ class Jumper:
         for i in which:
             k, here = self.apparatus[i], tracks.places[i]
             times[0, here] += common_error(values, "offset", k) + common_error(values, "rate", k) * t[here]
+            times[0, here] += true_times(t[here], *fault_of(changes, i)) - t[here]
 
         def follow(places: Sequence[int]) -> None:
             some, lanes = [which[k] for k in places], [0] * len(places)
@@ -327,8 +328,16 @@ class Jumper:
         except ValueError:
             out[:] = np.nan
         heights = film.filmed(out[0], t)
-        said = [self._reported(i, heights[tracks.places[i]], values) for i in which]
-        return shown_each(self.observations, said, faults_of(changes), which)
+        larger = 1.0 + changes.get(SCALE, np.zeros(len(self.jumps)))
+        return [larger[i] * self._reported(i, heights[tracks.places[i]], values) for i in which]
+
+    def predict_commanded(
+        self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: int, like: int
+    ) -> Array:
+        """Heights of a jump driven as another one was."""
+        other, t = self.jumps[like], self.observations[which].t
+        jump = replace(self.jumps[which], forcing=other.forcing, stop=other.stop)
+        return self._reported(which, self.height(jump, t, mechanisms, values), values)
 
     def _alike(self, models: Iterable[Model]) -> Alike:
         """What of the jumps is one: trials made alike are simulated once, whatever of their beds no law asks for."""
