@@ -33,6 +33,7 @@ if TYPE_CHECKING:  # imported where they are asked for: most questions end befor
 STARTS = 6  # of the baseline's fit where runs cost; else four times as many, over the ranges of its parameters
 NEIGHBOURS = ("kind", "volume_fraction", "delay", "frequency")  # labels that order conditions
 HALVED = 4.0  # of chi^2, where the error is halved
+SURE = 0.003  # chance below which a pattern over recordings counts where the other looks see nothing
 SEED, LAW_SEED, VARY_SEED = (
     1,
     2,
@@ -47,7 +48,9 @@ class Findings:
     """What is wrong with a model, or that nothing is. naming, gain, next_experiment: None for an adequate model.
 
     varies: what was taken for constant and is not. problem: that these findings are of, where it is
-    not the one that was looked at. law: of no list, that explains what the vocabulary does not; left: generic forces that describe it where there is
+    not the one that was looked at.
+
+    law: of no list, that explains what the vocabulary does not; left: generic forces that describe it where there is
     none, None where nothing asks for them. detectable: of every mechanism that is not named, the strength that would
     have shown.
     """
@@ -93,8 +96,8 @@ class Order:
     """The steps of a questioning. What is handed over besides the problem:
 
     by: labels of the observations to report by; None: where the misfit lies is not asked. stops: time after which each
-    observation's apex counts [s]. laws: makes the search for a law of no list. shapes: makes generic forces of a system. offered: experiments
-    that could be made. choose: in place of the search over mechanisms where a gain is judged. say: is told what is
+    observation's apex counts [s]. laws: makes the search for a law of no list. shapes: makes generic forces of a system. offered:
+    experiments that could be made. choose: in place of the search over mechanisms where a gain is judged. say: is told what is
     being done. reached: is given what is found so far, for whoever may have to stop.
     """
 
@@ -134,6 +137,8 @@ class Order:
     def explain(self, d: Findings) -> Findings:
         """What was looked at, with what explains it where the model is wrong."""
         if d.adequate:
+            d = self._varying(d)
+        if d.adequate:
             return d
         self.reached(d)
         tried = len(self.problem.system.candidates)
@@ -152,6 +157,17 @@ class Order:
             order, found = order._again(found)
         self.reached(found)
         return order.beyond(found)
+
+    def _varying(self, d: Findings) -> Findings:
+        """A third look: a number that varies from recording to recording by so little that chi^2 does not show it."""
+        from .vary import explain
+
+        if not explain.askable(self.problem) or isinstance(self.problem.system, Costly):
+            return d
+        from .vary.screen import chance, screen
+
+        p = chance(screen(self.problem, d.baseline, quick=True))
+        return replace(d, detection=replace(d.detection, p_value=p)) if p < SURE else d
 
     def _wider(self, about: Fit, worth: float | None = None) -> Wider | None:
         from .vary import explain
@@ -177,7 +193,6 @@ class Order:
     def _without(self, d: Findings, odd: Odd) -> Findings:
         """What is found where a few recordings are set aside."""
         from .vary import explain
-
         from .vary.odd import set_aside
 
         part = self.problem.asked_of(set_aside(self.problem.system, odd.members))

@@ -6,8 +6,9 @@ What only some systems have (heights, an apparatus, runs) and their words come f
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -23,8 +24,10 @@ from jumpvision.engine.worth.gain import Gain
 from . import values as record
 from .diagnosis import Diagnosis
 from .sentence import contradictions, sentence
-from .varied import forces, titles, varies_of
 from .words import Words
+
+if TYPE_CHECKING:
+    from jumpvision.engine.vary.patterns import Pattern
 
 HALVED = 2.0  # factor on the error of held-out motions from which a formula is told
 LOOK = 3  # recordings with the largest misfit that are named
@@ -98,7 +101,7 @@ def document(d: Findings, speaker: Speaker, stopped: str = "") -> Diagnosis:
         confirmation=(),
         sentence="",
         confirmed=None,
-        varies=varies_of(d),
+        varies=varies(d),
     )
     data = speaker.completed(with_law(data, d.law) if d.law else data, d)
     if data.status == record.Status.UNDETERMINED:  # what a rejected model foretells is worth nothing
@@ -107,6 +110,35 @@ def document(d: Findings, speaker: Speaker, stopped: str = "") -> Diagnosis:
     data = replace(data, baseline=replace(data.baseline, rmse_height_m=off))
     words = speaker.words(data)
     return replace(data, sentence=sentence(data, words, stopped), confirmed=contradictions(data, words.apart))
+
+
+def varies(d: Findings) -> tuple[record.Varies, ...]:
+    """Numbers that were taken for constant and are not."""
+    if not d.varies:
+        return ()
+    from .varied import varies_of
+
+    return varies_of(d)
+
+
+def forces(d: Findings, names: Sequence[str]) -> tuple[str, ...]:
+    """The mechanisms among the names of a model's candidates."""
+    known = patterns(d)
+    return tuple(n for n in names if n not in known)
+
+
+def patterns(d: Findings) -> Mapping[str, Pattern]:
+    """Ways in which numbers may vary, among the candidates."""
+    return getattr(d.problem.system, "patterns", {}) if d.problem else {}
+
+
+def titles(d: Findings) -> Mapping[str, str]:
+    """Of these, for a reader."""
+    if not (known := patterns(d)) or d.problem is None:
+        return {}
+    from .varied import title
+
+    return {n: title(p, d.problem.system.observations) for n, p in known.items()}
 
 
 def worth_telling(d: Findings) -> Findings:

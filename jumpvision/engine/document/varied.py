@@ -10,13 +10,12 @@ import numpy as np
 from jumpvision.base.arrays import Z90, Array
 from jumpvision.engine.order import Findings
 from jumpvision.engine.system import Observation
-from jumpvision.engine.vary.explain import Varied, mechanisms_of, patterns_of
+from jumpvision.engine.vary.explain import Varied
 from jumpvision.engine.vary.patterns import Pattern, Scatter
 from jumpvision.engine.vary.variables import Variable
 
 from . import values as record
 from .varies import COMMAND, RECORDING
-
 
 
 def varies_of(d: Findings) -> tuple[record.Varies, ...]:
@@ -32,20 +31,8 @@ def varies_of(d: Findings) -> tuple[record.Varies, ...]:
     return tuple(out)
 
 
-def forces(d: Findings, names: Sequence[str]) -> tuple[str, ...]:
-    """The mechanisms among the names of a model's candidates."""
-    return tuple(names) if d.problem is None else mechanisms_of(d.problem, names)
-
-
-def titles(d: Findings) -> Mapping[str, str]:
-    """Of the patterns among the candidates, for a reader."""
-    if d.problem is None:
-        return {}
-    observations = d.problem.system.observations
-    return {n: _title(p, observations) for n, p in patterns_of(d.problem).items()}
-
-
-def _title(p: Pattern, observations: Sequence[Observation]) -> str:
+def title(p: Pattern, observations: Sequence[Observation]) -> str:
+    """Of a pattern among causes, for a reader."""
     what = " and ".join(dict.fromkeys(v.name for v in p.variables))
     if p.kind is record.Pattern.ODD:
         names = [observations[i].name for i in p.members]
@@ -116,7 +103,7 @@ def _at(p: Pattern, observations: Sequence[Observation]) -> dict[str, float | st
         return {o.name: float(a) for o, a in zip(observations, p.at) if math.isfinite(a)}
     if p.of == "session":
         return {o.name: o.circumstances.session or "" for o in observations}
-    return {o.name: o.circumstances.labels[p.of] for o in observations if p.of in o.circumstances.labels}
+    return {o.name: x for o in observations if (x := o.circumstances.labels.get(p.of or "")) is not None}
 
 
 def _source(of: str | None, observations: Sequence[Observation]) -> str:

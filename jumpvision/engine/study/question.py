@@ -87,7 +87,11 @@ def _asked(system: Studied, how: How) -> tuple[Findings, str]:
     if system.study.forms:
         from .discovered import StudyForms
 
-        order = replace(order, laws=lambda p: Laws(p, StudyForms(p.system), say))
+        def laws(p: Problem) -> Laws:
+            assert isinstance(p.system, Studied)
+            return Laws(p, StudyForms(p.system), say)
+
+        order = replace(order, laws=laws)
     if system.study.inputs:
         from .offers import offer
 

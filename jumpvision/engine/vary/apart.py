@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
 from jumpvision.engine.fitting import STEP, Fit, Problem
@@ -29,8 +30,8 @@ PLACES = 400  # instants at most at which frames may have been lost, evenly over
 @dataclass(frozen=True)
 class Apart:
     """change: (N,) of every recording, at the best; information: (N, N) of them, whatever the shared parameters are.
-    chi2: of the whole model there. shared: the shared parameters, by their names. since: (N,) instants of lost frames [s],
-    None for any other number."""
+    chi2: of the whole model there. shared: the shared parameters, by their names. since: (N,) instants of lost frames
+    [s], None for any other number."""
 
     variable: Variable
     change: Array
@@ -131,7 +132,7 @@ class _Normal:
     pull: Array  # (N,)
     free: Array  # (shared,) which of the shared parameters these are
 
-    def without(self, fixed: Array) -> _Normal:
+    def without(self, fixed: NDArray[np.bool_]) -> _Normal:
         """The same with some of the shared parameters as they are."""
         kept = ~fixed
         return _Normal(self.inner[np.ix_(kept, kept)], self.mixed[kept], self.own, self.slope[kept], self.pull, kept)
@@ -162,7 +163,7 @@ def _normal(each: Each, shared: Array, change: Array, at: list[Array], loose: fl
     own = np.array([float(c @ c) for c in columns])
     pull = np.array([float(c @ a) for c, a in zip(columns, at)]) - loose * change
     whole = _Normal(inner, mixed, own, slope, pull, np.ones(shared.size, bool))
-    fixed = np.zeros(shared.size, bool)
+    fixed: NDArray[np.bool_] = np.zeros(shared.size, bool)
     for _ in range(shared.size):  # what would step over an end of its range stays there
         step = np.zeros(shared.size)
         step[~fixed] = whole.without(fixed).step(loose)[0]

@@ -73,10 +73,16 @@ class Wider:
     odd: Odd | None
 
 
+def askable(problem: Problem) -> bool:
+    """Whether there are recordings enough, and a system that can give each its own numbers."""
+    return len(problem.all) >= FEWEST and isinstance(problem.system, Varying)
+
+
 def wider(problem: Problem, about: Fit, rng: np.random.Generator, worth: float = WORTH) -> Wider | None:
-    """The problem with the patterns that the recordings ask for beside its mechanisms. None where it cannot be asked."""
-    if len(problem.all) < FEWEST or not isinstance(problem.system, Varying):
+    """The problem with patterns that the recordings ask for beside its mechanisms; None where it cannot be asked."""
+    if not askable(problem):
         return None
+    assert isinstance(problem.system, Varying)
     seen = screen(problem, about)
     few = odd_ones(problem, about, rng)
     offered = [w for w in seen.promising if _gain(w, seen) > worth]
@@ -152,9 +158,3 @@ def varied(problem: Problem, naming: Naming, base: Fit) -> tuple[Varied, ...]:
         each = linear(problem, fit, p.variable, p.since)
         out.append(Varied(p, values, covariance, chance, each))
     return tuple(sorted(out, key=lambda v: v.p_value))
-
-
-def mechanisms_of(problem: Problem, names: Sequence[str]) -> tuple[str, ...]:
-    """Those of a model's candidates that are mechanisms, not patterns."""
-    known = patterns_of(problem)
-    return tuple(n for n in names if n not in known)

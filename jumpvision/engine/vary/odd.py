@@ -1,4 +1,4 @@
-"""Recordings that a model does not describe while it describes all others, and which numbers of theirs would mend it."""
+"""Recordings that a model does not describe though it describes all others, and what of theirs would mend it."""
 
 from __future__ import annotations
 

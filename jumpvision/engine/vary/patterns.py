@@ -7,6 +7,7 @@ questions is the logarithm of how many alternatives of a kind were looked at.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -30,10 +31,10 @@ LEVELS = ("frequency", "amplitude", "delay", "volume_fraction")  # labels of the
 class Pattern:
     """A way in which the recordings differ in a number.
 
-    variables: of each coefficient, mostly the same. of: what it goes with, None where it has no order. design: (N, k). members: recordings that stand apart. at: (N,)
-    abscissa, NaN where not known. break_at: where a step or a bend lies, in units of `at`. log_price: of the
-    alternatives of its kind. since: (N,) as in Apart. widths: (k,) of the coefficients before the data, in the place of
-    the numbers' spreads: of a number that is off by a factor.
+    variables: of each coefficient, mostly the same. of: what it goes with, None where it has no order. design: (N, k).
+    members: recordings that stand apart. at: (N,) abscissa, NaN where not known. break_at: where a step or a bend lies,
+    in units of `at`. log_price: of the alternatives of its kind. since: (N,) as in Apart. widths: (k,) of the
+    coefficients before the data, in the place of the numbers' spreads: of a number that is off by a factor.
     """
 
     variables: tuple[Variable, ...]
@@ -128,8 +129,8 @@ def weigh(pattern: Pattern, found: Apart) -> Weighed:
     misfit = off @ p @ off
     return Weighed(
         pattern,
-        best,
-        np.linalg.inv(inner),
+        np.asarray(best),
+        np.asarray(np.linalg.inv(inner)),
         found.chi2 + float(misfit),
         -0.5 * chi2 - volume - pattern.log_price,
         found.named,
@@ -244,7 +245,7 @@ def _steps(found: Apart, observations: Sequence[Observation]) -> Iterator[Patter
         places = np.unique(at)
         if of == "time" and _same_order(at, observations):
             continue
-        for a, b in zip(places[1:-2], places[2:-1]):
+        for a, b in itertools.pairwise(places[1:-1]):
             later = tuple(np.flatnonzero(at >= b).tolist())
             for design in _with_and_without(_column(n, later)):
                 yield _pattern(v, Kind.STEP, of, design, later, at, 0.5 * (a + b), since=found.since)
@@ -281,7 +282,7 @@ def _functions(found: Apart, observations: Sequence[Observation]) -> Iterator[Pa
         for x in places[1:-1] if places.size > 2 else ():
             for side in (np.maximum(at - x, 0.0), np.maximum(x - at, 0.0)):
                 yield _pattern(v, Kind.FUNCTION, of, (side / side.max())[:, None], (), at, float(x), since=found.since)
-        for x, y in zip(places[1:-2], places[2:-1]):
+        for x, y in itertools.pairwise(places[1:-1]):
             later = tuple(np.flatnonzero(at >= y).tolist())
             yield _pattern(v, Kind.FUNCTION, of, _column(n, later), later, at, float(0.5 * (x + y)), since=found.since)
     for of, members in groups_of(observations):
@@ -301,8 +302,8 @@ def abscissae(observations: Sequence[Observation]) -> Iterator[tuple[str, Array]
     for n in dict.fromkeys(k for c in each for k in c.labels):
         known.setdefault(n, [c.labels.get(n) for c in each])
     for n, values in known.items():
-        if all(isinstance(x, (int, float)) and not isinstance(x, bool) or x is None for x in values):
-            at = np.array([math.nan if x is None else float(x) for x in values])  # type: ignore[arg-type]
+        if all((isinstance(x, (int, float)) and not isinstance(x, bool)) or x is None for x in values):
+            at = np.array([math.nan if x is None else float(x) for x in values])
             if np.unique(at[np.isfinite(at)]).size > 1:
                 yield n, at
 
@@ -322,8 +323,8 @@ def groups_of(observations: Sequence[Observation]) -> Iterator[tuple[str, tuple[
 
 
 def _same_order(time: Array, observations: Sequence[Observation]) -> bool:
-    order = [o.circumstances.order for o in observations]
-    return None not in order and bool(np.all(np.argsort(time, kind="stable") == np.argsort(order, kind="stable")))
+    order = [x for o in observations if (x := o.circumstances.order) is not None]
+    return len(order) == time.size and bool(np.all(np.argsort(time, kind="stable") == np.argsort(order, kind="stable")))
 
 
 def _unit(at: Array) -> Array:

@@ -7,10 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
+import scipy
+
 from jumpvision.engine.fitting import Fit, Problem
 
 from .apart import Apart, apart, linear, lost_frames, variables
-from .patterns import Pattern, Scatter, Weighed, patterns, scatter, weigh
+from .patterns import Scatter, Weighed, patterns, scatter, weigh
 from .variables import LOST
 
 FULL = 6  # numbers whose values are fitted in full: those that take most from chi^2, linearly
@@ -45,13 +47,13 @@ class Screen:
     base: float = 0.0
 
 
-def screen(problem: Problem, fit: Fit, without: Sequence[str] = ()) -> Screen:
-    """without: numbers that are not asked of."""
-    every = {n: v for n, v in variables(problem.system).items() if n not in without}
+def screen(problem: Problem, fit: Fit, *, quick: bool = False) -> Screen:
+    """quick: linear about the fit, which is nearly right; frames that were lost are not sought."""
+    every = variables(problem.system)
     about = problem.each([partial(linear, problem, fit, v) for n, v in every.items() if n != LOST])
     rough = sorted((a for a in about if a is not None), key=lambda a: a.chi2)
-    full = [apart(problem, fit, a.variable) for a in rough[:FULL]]
-    if LOST in every:
+    full: list[Apart | None] = [*rough] if quick else [apart(problem, fit, a.variable) for a in rough[:FULL]]
+    if LOST in every and not quick:
         full.append(lost_frames(problem, fit))
     found = tuple(a for a in full if a is not None and math.isfinite(a.chi2))
     price = math.log(max(len(every), 1)) + math.log(KINDS)
@@ -60,3 +62,13 @@ def screen(problem: Problem, fit: Fit, without: Sequence[str] = ()) -> Screen:
     weighed.sort(key=lambda w: -w.log_evidence)
     scatters = sorted((s for a in found if (s := scatter(a)) is not None), key=lambda s: -s.log_evidence)
     return Screen(found, tuple(weighed), tuple(scatters), price, fit.chi2)
+
+
+def chance(seen: Screen) -> float:
+    """Of a pattern as clear as the clearest by noise alone, whichever number and pattern: the sum over all of them."""
+    p = 1.0
+    for w in seen.weighed:
+        dof = w.coefficients.size - w.pattern.about_own
+        log = seen.log_price + w.pattern.log_price + float(scipy.stats.chi2.logsf(w.significance**2, dof))
+        p = min(p, math.exp(min(log, 0.0)))
+    return p

@@ -19,8 +19,8 @@ class Variable:
 
     declared: its value; unit. relative: a change is a share of the declared value, else it is in the unit.
     spread: how far a recording may plausibly be off, a standard deviation [as a change]. step: a change small enough
-    for derivatives. least: changes below are impossible. whole: changes are whole numbers (frames). drive: of what drives the motion, far off as
-    easily as near.
+    for derivatives. least: changes below are impossible. whole: changes are whole numbers (frames). drive: it is of
+    what drives the motion, which may be far off.
     """
 
     name: str

@@ -240,12 +240,17 @@ def _answer(asked: Question, begun: Begun, draw: Draw, say: Say) -> Answer:
     problem = Problem(system, learned.noise, learned.scatter, asked.measured)
     driven = [a for e in asked.experiments if (a := e.section(Actuation)) is not None and a.moves]
     ways = [Way(law) for law in usual(driven)]
+
+    def laws(p: Problem) -> Laws:
+        assert isinstance(p.system, Jumper)
+        return Laws(p, JumperForms(p.system), say)
+
     order = Order(
         problem,
         rng,
         by=BY,
         stops=[j.stop for j in asked.jumps],
-        laws=lambda p: Laws(p, JumperForms(p.system), say),
+        laws=laws,
         shapes=Shaped,
         offered=lambda: offer(problem, system, ways, asked.ranges, asked.priors, asked.own),
         say=say,
