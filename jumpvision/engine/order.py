@@ -33,6 +33,7 @@ if TYPE_CHECKING:  # imported where they are asked for: most questions end befor
 STARTS = 6  # of the baseline's fit where runs cost; else four times as many, over the ranges of its parameters
 NEIGHBOURS = ("kind", "volume_fraction", "delay", "frequency")  # labels that order conditions
 HALVED = 4.0  # of chi^2, where the error is halved
+FEWEST = 4  # recordings among which one can be odd
 SURE = 0.003  # chance below which a pattern over recordings counts where the other looks see nothing
 SEED, LAW_SEED, VARY_SEED = (
     1,
@@ -96,9 +97,9 @@ class Order:
     """The steps of a questioning. What is handed over besides the problem:
 
     by: labels of the observations to report by; None: where the misfit lies is not asked. stops: time after which each
-    observation's apex counts [s]. laws: makes the search for a law of no list. shapes: makes generic forces of a system. offered:
-    experiments that could be made. choose: in place of the search over mechanisms where a gain is judged. say: is told what is
-    being done. reached: is given what is found so far, for whoever may have to stop.
+    observation's apex counts [s]. laws: makes the search for a law of no list. shapes: makes generic forces.
+    offered: experiments that could be made. choose: in place of the search over mechanisms where a gain is judged. say:
+    is told what is being done. reached: is given what is found so far, for whoever may have to stop.
     """
 
     problem: Problem
@@ -160,16 +161,21 @@ class Order:
 
     def _varying(self, d: Findings) -> Findings:
         """A third look: a number that varies from recording to recording by so little that chi^2 does not show it."""
-        from .vary import explain
-
-        if not explain.askable(self.problem) or isinstance(self.problem.system, Costly):
+        if not self._may_vary or isinstance(self.problem.system, Costly):
             return d
         from .vary.screen import chance, screen
 
         p = chance(screen(self.problem, d.baseline, quick=True))
         return replace(d, detection=replace(d.detection, p_value=p)) if p < SURE else d
 
+    @property
+    def _may_vary(self) -> bool:
+        """Whether there are recordings enough, and a system that can give each its own numbers."""
+        return len(self.problem.all) >= FEWEST and hasattr(self.problem.system, "predict_apart")
+
     def _wider(self, about: Fit, worth: float | None = None) -> Wider | None:
+        if not self._may_vary:
+            return None
         from .vary import explain
 
         rng = np.random.default_rng(VARY_SEED)

@@ -130,7 +130,7 @@ class _Normal:
     own: Array  # (N,)
     slope: Array  # (p,)
     pull: Array  # (N,)
-    free: Array  # (shared,) which of the shared parameters these are
+    free: NDArray[np.bool_]  # (shared,) which of the shared parameters these are
 
     def without(self, fixed: NDArray[np.bool_]) -> _Normal:
         """The same with some of the shared parameters as they are."""

@@ -28,7 +28,6 @@ from .patterns import Pattern, Scatter, Weighed
 from .screen import Screen, screen
 from .variables import Varying
 
-FEWEST = 4  # recordings among which one can be odd
 WORTH = 5.0  # nats that a pattern, or scatter, must gain over nothing before it is looked at
 SECOND = 8.0  # the same, where mechanisms were tried already
 
@@ -73,15 +72,8 @@ class Wider:
     odd: Odd | None
 
 
-def askable(problem: Problem) -> bool:
-    """Whether there are recordings enough, and a system that can give each its own numbers."""
-    return len(problem.all) >= FEWEST and isinstance(problem.system, Varying)
-
-
-def wider(problem: Problem, about: Fit, rng: np.random.Generator, worth: float = WORTH) -> Wider | None:
-    """The problem with patterns that the recordings ask for beside its mechanisms; None where it cannot be asked."""
-    if not askable(problem):
-        return None
+def wider(problem: Problem, about: Fit, rng: np.random.Generator, worth: float = WORTH) -> Wider:
+    """The problem with patterns that the recordings ask for beside its mechanisms."""
     assert isinstance(problem.system, Varying)
     seen = screen(problem, about)
     few = odd_ones(problem, about, rng)
