@@ -170,6 +170,28 @@ def test_scores(found, hidden, outcome):
     assert seal.score(found, answer(*hidden))["outcome"] == outcome
 
 
+def explored(end="", **causes: float) -> dict:
+    return {"rounds": [{"causes": {}, "end": ""}, {"causes": causes, "end": end}]}
+
+
+@pytest.mark.parametrize(
+    ("found", "hidden", "outcome"),
+    [
+        (explored("tilt at 97 %", tilt=0.97, payload=0.01), ("tilt",), "right"),
+        (explored("tilt at 97 %", tilt=0.97, payload=0.01), ("payload",), "wrong"),
+        (explored("none", tilt=0.01), (), "right"),
+        (explored("none", tilt=0.01), ("tilt",), "missed"),
+        (explored("tilt at 97 %", tilt=0.97), (), "false alarm"),
+        (explored(tilt=0.6, payload=0.4), ("tilt",), "open"),
+        (explored("6 asked; open: what no set of the vocabulary explains", tilt=0.01), ("depth_rate_drag",), "right"),
+        (explored("tilt at 97 %", tilt=0.97), ("depth_rate_drag",), "wrong"),
+    ],
+)
+def test_scores_of_an_exploration(found, hidden, outcome):
+    told = seal.score_explored(found, answer(*hidden))
+    assert told["explore outcome"] == outcome and told["explore rounds"] == 2
+
+
 def test_score_of_parameters():
     cause = {"mechanism": "tilt", "parameters": {"dg": {"value": 0.21, "low": 0.18, "high": 0.24, "unit": "m/s^2"}}}
     told = seal.score(diagnosis(named=["tilt"], causes=[cause]), answer("tilt", dg=0.2))
@@ -199,6 +221,12 @@ def test_the_game_on_disk(tmp_path, monkeypatch):
     results.mkdir(parents=True)
     (results / "diagnosis.json").write_text(json.dumps(diagnosis(named=["payload"])))
     assert seal.reveal(out)["outcome"] == "right"
+    (results / "explore.json").write_text(json.dumps(explored("payload at 99 %", payload=0.99)))
+    both = seal.reveal(out)
+    assert (both["outcome"], both["explore outcome"]) == ("right", "right")
+    (results / "diagnosis.json").unlink()
+    alone = seal.reveal(out)
+    assert alone["explore outcome"] == "right" and "outcome" not in alone
     with pytest.raises(InputError, match="exists"):
         seal.write_blind(out, seed=5)
     with pytest.raises(InputError, match="unknown ground"):

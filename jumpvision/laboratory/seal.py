@@ -165,15 +165,20 @@ def unseal(file: Path) -> Answer:
 
 
 def reveal(out: Path, results: Path | None = None) -> dict[str, str | float]:
-    """The answer of `out`, and the score of results/<name>/diagnosis.json beside it (or in `results`) if it exists."""
+    """The answer of `out`, and the scores of diagnosis.json and explore.json in results/<name> beside it (or in
+    `results`), those that are there."""
     answer = unseal(sealed_file(out))
     told: dict[str, str | float] = {"hidden": ", ".join(answer.hidden) or "nothing"}
     told |= {f"true {k}": float(f"{v:.5g}") for k, v in answer.parameters.items()}
     told |= {"strength (0-1)": ", ".join(f"{s:.2f}" for s in answer.strength)}
-    file = (results or out.absolute().parent / "results" / out.absolute().name) / "diagnosis.json"
-    if not file.exists():
-        return told | {"outcome": f"no {file} yet: run jumpvision diagnose first"}
-    return told | score(json.loads(file.read_text(encoding="utf-8")), answer)
+    folder = results or out.absolute().parent / "results" / out.absolute().name
+    scores = {folder / "diagnosis.json": score, folder / "explore.json": score_explored}
+    there = [f for f in scores if f.exists()]
+    if not there:
+        return told | {"outcome": f"no {' and no '.join(map(str, scores))} yet: run jumpvision diagnose, or explore"}
+    for file in there:
+        told |= scores[file](json.loads(file.read_text(encoding="utf-8")), answer)
+    return told
 
 
 def score(diagnosis: Mapping[str, Any], answer: Answer) -> dict[str, str | float]:
@@ -192,6 +197,29 @@ def score(diagnosis: Mapping[str, Any], answer: Answer) -> dict[str, str | float
                     out[f"error of {name}"] = found["value"] - true
                     out[f"interval of {name} covers"] = found["low"] <= true <= found["high"]
     return out
+
+
+DECIDED = 0.95  # probability from which an exploration takes a cause for found
+
+
+def score_explored(history: Mapping[str, Any], answer: Answer) -> dict[str, str | float]:
+    """The same of what an exploration believes after its last round; "open" where causes are neither in nor out."""
+    last = history["rounds"][-1]
+    named = {m for m, p in last["causes"].items() if p >= DECIDED}
+    doubted = {m for m, p in last["causes"].items() if 1.0 - DECIDED < p < DECIDED}
+    beyond = "no set of the vocabulary explains" in last["end"]
+    said: dict[str, Any] = {
+        "verdict": "discrepant" if named or beyond else "adequate",
+        "status": "partial" if beyond else "complete",
+        "indistinguishable": [],
+    }
+    outcome = "open" if doubted else _outcome(said, named, set(answer.hidden), answer.outside)
+    return {
+        "explore named": ", ".join(sorted(named)) or "nothing",
+        "explore left open": ", ".join(sorted(doubted)) or "nothing",
+        "explore rounds": len(history["rounds"]),
+        "explore outcome": outcome,
+    }
 
 
 def _outcome(diagnosis: Mapping[str, Any], named: set[str], hidden: set[str], outside: bool) -> str:
