@@ -32,7 +32,7 @@ WORDS = {  # section: words in the name of a film or picture
 FILMS = ("rod_video", "grain_video")
 PICTURES = ("bed_image", "crater_image")
 FIELDS = (".nc", ".mat")
-TABLES = (".xls", ".xlsx", ".ods", ".lvm", ".dat")
+TABLES = (".xls", ".xlsx", ".ods", ".dat")
 IGNORED = ("", ".toml", ".json", ".md", ".cih", ".cihx", ".py", ".ipynb", ".html", ".pdf", ".docx")
 GUESSED = "guessed from what it shows: write another section if it is something else"
 ANY_RATE = 1.0  # Hz, to open pictures that carry no clock
@@ -132,19 +132,21 @@ def _log_with(columns: Collection[str]) -> str | None:
 
 
 def _channels(path: Path, name: str) -> Recording:
-    """A log in a file of channels: a channel may be called as its column, in a group or not; TDMS may give its rate in
-    place of a time."""
+    """A log in a file of channels: a channel may be called as its column, in a group or not; TDMS and LVM may give
+    their rate in place of a time."""
     read = CHANNELS[path.suffix.lower()]
     names = read(path, ()).names
     bare = {n.rsplit("/", 1)[-1] for n in names} if path.suffix.lower() == ".tdms" else set(names)
-    timed = {"time_s"} if any(c.clock is not None for c in read(path, names).channels.values()) else set()
+    held = read(path, names).channels.values()
+    timed = {"time_s"} if any(c.clock is not None or c.untimed for c in held) else set()
     if (section := _log_with(bare | timed)) is not None:
         return Recording(section, name, f"channels {', '.join(names)}")
     raise InputError(
         [
             # channels named in a message
             f"its channels are {', '.join(names[:12])}; known: {_headers()}; name them in its section, for example "
-            f"columns.time_s = '{names[0] if names else 't'}' (docs/bring_your_own_data.md)"
+            f"columns.{'position_m' if timed else 'time_s'} = '{names[0] if names else 't'}' "
+            "(docs/bring_your_own_data.md)"
         ]
     )
 
