@@ -84,7 +84,7 @@ def candidates(folder: Path) -> Iterator[str]:
     for f in files:
         if f.is_dir():
             kinds = {g.suffix.lower() for g in f.iterdir() if g.is_file() and not g.name.startswith(".")}
-            if (kinds and kinds <= {*SUFFIXES}) or kinds == {".txt"}:
+            if (kinds and kinds <= {*SUFFIXES}) or kinds == {".txt"} or kinds == {".vec"}:
                 yield f.name
         elif m := re.fullmatch(r"(.*?)[0-9]+", f.stem):
             series.setdefault(f"{m[1]}*{f.suffix}", []).append(f)
@@ -92,7 +92,7 @@ def candidates(folder: Path) -> Iterator[str]:
         f
         for p, s in series.items()
         # three numbered pictures make a film
-        if len(s) >= 3 and set(folder.glob(p)) == set(s) and s[0].suffix.lower() in (*SUFFIXES, ".txt")
+        if len(s) >= 3 and set(folder.glob(p)) == set(s) and s[0].suffix.lower() in (*SUFFIXES, ".txt", ".vec")
         for f in s
     }
     yield from (pattern for pattern, s in series.items() if s[0] in numbered)
@@ -106,7 +106,7 @@ def recognised(folder: Path, name: str, section: str | None) -> Recording:
         return _table(path, name)
     if suffix in CHANNELS and (suffix not in FIELDS or not _is_field(path)):
         return _channels(path, name)
-    if suffix in FIELDS or suffix == ".txt" or (path.is_dir() and any(path.glob("*.txt"))):
+    if suffix in (*FIELDS, ".txt", ".vec") or (path.is_dir() and any((*path.glob("*.txt"), *path.glob("*.vec")))):
         return _field(path, name)
     if suffix == ".npz" or _is_map(path, suffix):
         return Recording("crater_depth", name, "depth map")

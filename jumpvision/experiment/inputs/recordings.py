@@ -349,7 +349,8 @@ class CraterDepth(FileSection):
 
 @dataclass(frozen=True)
 class PivField(Scaled):
-    """A velocity field computed elsewhere: pivpy .nc, PIVlab .mat, or a folder or pattern of OpenPIV or PIVlab .txt."""
+    """A velocity field computed elsewhere: pivpy .nc, PIVlab .mat, or a folder or pattern of .txt (OpenPIV, PIVlab,
+    DaVis) or .vec (Insight)."""
 
     name: ClassVar[str] = "piv_field"
     length: str = param(
@@ -357,6 +358,9 @@ class PivField(Scaled):
     )
     speed: str = param(
         "file", "", "unit of u and v in the file; default: what the file says", choices=("file", *SPEEDS)
+    )
+    measured: tuple[float, ...] = param(
+        (), "", "values of the file's flag (chc, flags, vector type) that say measured; default: the program's own"
     )
     up: str = param(
         "file",
