@@ -341,3 +341,37 @@ def test_a_unit_by_its_name(tmp_path):
     file = write(tmp_path / "a.tdms", {"Log/time_s": T, "Log/position_m": 1e3 * X},
                  units={"Log/position_m": "Millimeters"})  # fmt: skip
     assert read_log(motor(file), "time_s", "position_m").position_m.to_numpy() == pytest.approx(X, rel=1e-14)
+
+
+ROWS = [f"{t:.3f},{x:.6f}," for t, x in zip(T, X)]
+
+
+@pytest.mark.parametrize(
+    ("comments", "words"),
+    [
+        ({3: '"lamp off', 7: 'again"'}, r"row 4: a quotation mark opens the cell 'lamp off' and closes it 4 lines on"),
+        ({3: '"lamp off'}, r"line 5: a quotation mark opens a cell that never ends: close or remove it"),
+        ({3: '"lamp\noff"'}, r"row 4: a quotation mark opens the cell 'lamp'"),
+    ],
+)
+def test_a_quotation_mark_that_is_not_closed_swallows_no_rows(tmp_path, comments, words):
+    """Rows 4 to 8 were one cell, and 8 of 12 rows were read without a word."""
+    file = tmp_path / "motor.csv"
+    file.write_text("time_s,position_m,note\n" + "\n".join(r + comments.get(i, "") for i, r in enumerate(ROWS)) + "\n")
+    with pytest.raises(InputError, match=words):
+        read_log(motor(file), "time_s", "position_m")
+
+
+def test_marks_that_are_closed_or_stand_within_a_cell_are_text(tmp_path):
+    comments, file = {2: '"lamp, off"', 3: '3" rod', 5: 'the "good" one'}, tmp_path / "motor.csv"
+    file.write_text("time_s,position_m,note\n" + "\n".join(r + comments.get(i, "") for i, r in enumerate(ROWS)) + "\n")
+    assert read_log(motor(file), "time_s", "position_m").position_m.to_numpy() == pytest.approx(X, abs=1e-6)
+
+
+def test_nor_of_a_table_that_a_person_writes(tmp_path):
+    from jumpvision.experiment.inputs.logs import LENGTH, read_columns
+
+    file = tmp_path / "animals.csv"
+    file.write_text('name,length [mm]\nflea,1\n"bush baby,2\ncat,3\nflea",4\n')
+    with pytest.raises(InputError, match="row 2: a quotation mark opens the cell"):
+        read_columns(file, {"length": LENGTH})

@@ -215,12 +215,32 @@ def _table(path: Path, asked: Collection[str], columns: tuple[str, ...]) -> Held
         text = str(e).strip().splitlines()[-1]
         if longer := re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", text):
             text = f"line {longer[2]} has {longer[3]} values, the header {longer[1]}"
+        if opened := re.search(r"EOF inside string starting at row (\d+)", text):
+            text = f"line {int(opened[1]) + 1}: a quotation mark opens a cell that never ends: close or remove it"
         raise InputError([f"{path}: not a CSV table ({text}); expected the header {','.join(columns)}"]) from None
+    _refuse_swallowed(path, raw)
     header = [str(c).strip() for c in raw.iloc[0]]
     if twice := [n for n in dict.fromkeys(asked) if header.count(n) > 1]:
         raise InputError([f"{path}: column {n} is there {header.count(n)} times; rename or remove one" for n in twice])
     rows = raw[1:].reset_index(drop=True)
     return Held(header, {n: Channel(n, rows[header.index(n)].to_numpy()) for n in asked if n in header})
+
+
+def _refuse_swallowed(path: Path, raw: pd.DataFrame, first: int = 0) -> None:
+    """InputError where a quotation mark that is not closed runs on to the next, in another row: the rows between are one
+    cell. first: number of the table's first row, the header being 0."""
+    if b'"' not in path.read_bytes():
+        return
+    for column in raw:
+        for row in raw.index[raw[column].str.contains("[\r\n]", regex=True)][:1]:
+            cell = raw[column][row]
+            where = f"row {row + first}" if row + first else "the header"
+            raise InputError(
+                [
+                    f"{path}: {where}: a quotation mark opens the cell '{cell.splitlines()[0][:40]}' and closes it "
+                    f"{len(cell.splitlines()) - 1} lines on: close it where it ends, or remove it"
+                ]
+            )
 
 
 # Tables that a person writes: columns carry their units, as `length [mm]`.
@@ -240,6 +260,7 @@ def read_columns(path: Path, wanted: Mapping[str, Units]) -> tuple[dict[str, Arr
         data = pd.read_csv(path, comment="#", skipinitialspace=True)
     except (OSError, ValueError) as e:
         raise InputError([f"{path}: {e}"]) from None
+    _refuse_swallowed(path, data.select_dtypes(exclude="number").astype(str), 1)
     found: dict[str, Array] = {}
     problems = []
     for name, units in wanted.items():
