@@ -227,8 +227,8 @@ def _table(path: Path, asked: Collection[str], columns: tuple[str, ...]) -> Held
 
 
 def _refuse_swallowed(path: Path, raw: pd.DataFrame, first: int = 0) -> None:
-    """InputError where a quotation mark that is not closed runs on to the next, in another row: the rows between are one
-    cell. first: number of the table's first row, the header being 0."""
+    """InputError where a quotation mark that is not closed runs on to the next, in another row: the rows between are
+    one cell. first: number of the table's first row, the header being 0."""
     if b'"' not in path.read_bytes():
         return
     for column in raw:

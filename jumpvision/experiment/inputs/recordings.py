@@ -135,15 +135,32 @@ class Calibration(Section):
         0.0, "1/px^2", "radial distortion: true offset = seen offset x (1 + k1 r^2 + k2 r^4)", lo=-1, hi=1
     )
     k2: float = param(0.0, "1/px^4", "radial distortion, fourth order", lo=-1, hi=1)
-    centre: tuple[float, ...] = param((), "px", "column, row of the distortion centre; default the image centre")
+    centre: tuple[float, ...] = param(
+        (), "px", "column, row of the lens's axis, outside the picture too; default: the picture's middle (see sensor)"
+    )
+    sensor: str = param("", "", "whole: no picture is a crop, the lens's axis is its middle", choices=("", "whole"))
     marks: tuple[tuple[float, ...], ...] = param((), "", "[[px, py, x_m, y_m], ...]: known points (x right, y up)")
     tilt: float = param(0.0, "rad", "angle of the rail against the image axis, counter-clockwise", lo=-1.6, hi=1.6)
     lens_sigma: float = param(0.0, "1/px^2", "standard uncertainty of k1", lo=0, hi=1)
     tilt_sigma: float = param(0.0, "rad", "standard uncertainty of tilt", lo=0, hi=0.5)
 
+    def centred(self, section: str, shape: tuple[int, int]) -> str:
+        """A word where nothing says where the lens's axis goes through a picture of (rows, columns), "" else: of a
+        crop, as most high-speed films are, it is not the middle."""
+        if self.centre or self.sensor or not (self.k1 or self.k2):
+            return ""
+        column, row = (shape[1] - 1) / 2, (shape[0] - 1) / 2
+        return (
+            f"[calibration] k1 without centre: the lens is undone about the middle of [{section}], [{column:g}, "
+            f'{row:g}], which a crop of the sensor has elsewhere. Give sensor = "whole", or centre = [column, row]: half '
+            "of the sensor's columns and rows less those before the crop"
+        )
+
     def check(self) -> list[str]:
         """Two numbers in the centre, four in a mark, two marks or none."""
         out = []
+        if self.centre and self.sensor:
+            out.append(f'sensor = "whole": beside centre = {list(self.centre)}; leave one of them out')
         if self.centre and len(self.centre) != 2:
             out.append(f"centre = {list(self.centre)}: must be [column, row]")
         if any(len(m) != 4 for m in self.marks) or len(self.marks) == 1:
