@@ -62,6 +62,14 @@ def _clock() -> Any:
     return param("file", "", meaning, choices=("file", "declared"))
 
 
+def _axes() -> Any:
+    meaning = (
+        "how the data set of an HDF5 film counts: frame,column,row of MATLAB's h5write; default: frame,row,column, or "
+        "as MATLAB's save says"
+    )
+    return param("", "", meaning, choices=("", "frame,row,column", "frame,column,row"))
+
+
 def _truncated() -> Any:
     meaning = "a film that was cut off: refuse it, or accept its whole frames"
     return param("refuse", "", meaning, choices=("refuse", "accept"))
@@ -89,6 +97,7 @@ class RodVideo(FileSection):
     exposure: float = param(0.0, "s", "exposure time of a frame", lo=0, hi=10.0)
     start: float = param(0.0, "s", "start of the first exposure on the common clock", lo=-1e6, hi=1e9)
     clock: str = _clock()
+    axes: str = _axes()
     truncated: str = _truncated()
     fields: str = param(
         "together",
@@ -152,8 +161,8 @@ class Calibration(Section):
         column, row = (shape[1] - 1) / 2, (shape[0] - 1) / 2
         return (
             f"[calibration] k1 without centre: the lens is undone about the middle of [{section}], [{column:g}, "
-            f'{row:g}], which a crop of the sensor has elsewhere. Give sensor = "whole", or centre = [column, row]: half '
-            "of the sensor's columns and rows less those before the crop"
+            f'{row:g}], which a crop of the sensor has elsewhere. Give sensor = "whole", or centre = [column, row]: '
+            "half of the sensor's columns and rows less those before the crop"
         )
 
     def check(self) -> list[str]:
@@ -190,6 +199,7 @@ class BedImage(Scaled):
         None, "grey", "level from which pixels are clipped; default: the type's largest", lo=0, hi=65536, open_lo=True
     )
     frame_rate: float | None = _rate("of a series without time stamps; default one picture a second")
+    axes: str = _axes()
 
 
 @dataclass(frozen=True)
@@ -210,6 +220,7 @@ class GrainVideo(FileSection):
         hi=1e5,
     )
     clock: str = _clock()
+    axes: str = _axes()
     truncated: str = _truncated()
     foot: str = param("half", "", "half (flush with the wall) or full disc", choices=("half", "full"))
     start: float = param(0.0, "s", "start of the first exposure on the common clock", lo=-1e6, hi=1e9)
@@ -429,6 +440,7 @@ class CraterImage(Scaled):
     axis_column: float | None = param(
         None, "px", "column of the crater's axis; default: found by symmetry", lo=0, hi=1e5
     )
+    axes: str = _axes()
     saturation: float | None = param(
         None, "grey", "level from which pixels are clipped; default: the type's largest", lo=0, hi=65536, open_lo=True
     )

@@ -306,6 +306,13 @@ def _places(e: Experiment, found: Found) -> Iterator[str]:
             said.append((f"[{name}] axis_column", column, 0.0))
         for what, x, y in said:
             if not (-1.0 <= x <= columns and -1.0 <= y <= rows):
+                turned = -1.0 <= x <= rows and -1.0 <= y <= columns and section.path.suffix.lower() in (".h5", ".hdf5")
+                if turned and not section.axes:
+                    found.problems.append(
+                        f"{section.path}: {what} = {x:g}, {y:g} (column, row) lies outside [{name}] of {columns} x "
+                        f'{rows} px: give axes = "frame,column,row" (MATLAB\'s h5write), or mend it'
+                    )
+                    continue
                 yield (
                     f"{what} = {x:g}, {y:g} (column, row) lies outside [{name}] of {columns} x {rows} px: "
                     "of another camera, or column and row exchanged?"
