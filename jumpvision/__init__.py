@@ -5,13 +5,13 @@ In a notebook: `import jumpvision as jv; experiment = jv.open("folder"); jv.trac
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Callable
 from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
+
+from jumpvision.base.compiling import compiled_code_goes
 
 __version__ = "0.1.0"
 VERBS = {  # name: the module that has it
@@ -43,33 +43,7 @@ OF_ARRAYS = {  # stages that have a function of arrays, which needs no folder
 }
 
 
-def _compiled_code_goes() -> None:
-    """Compiled functions are kept beside the package or under the home folder; where neither can be written (a package
-    for all users, a container without a home) in a folder of the user's own among the temporary files."""
-    home = Path(os.environ.get("XDG_CACHE_HOME") or Path(os.path.expanduser("~")) / ".cache")
-    there = next((p for p in (home, *home.parents) if p.is_dir()), home)
-    if "NUMBA_CACHE_DIR" in os.environ or _writable(Path(__file__).parent) or _writable(there):
-        return
-    user = os.getuid() if hasattr(os, "getuid") else 0
-    own = Path(tempfile.gettempdir()) / f"jumpvision-{user}"
-    try:
-        own.mkdir(mode=0o700, exist_ok=True)
-        if hasattr(os, "getuid") and (own.is_symlink() or own.stat().st_uid != user or own.stat().st_mode & 0o022):
-            raise PermissionError  # somebody else's: code that is loaded from there would be theirs
-    except OSError:
-        own = Path(tempfile.mkdtemp(prefix="jumpvision-"))
-    os.environ["NUMBA_CACHE_DIR"] = str(own)
-
-
-def _writable(folder: Path) -> bool:
-    try:
-        with tempfile.TemporaryFile(dir=folder):
-            return True
-    except OSError:
-        return False
-
-
-_compiled_code_goes()
+compiled_code_goes(Path(__file__).parent, __version__)
 
 
 def __getattr__(name: str) -> Any:

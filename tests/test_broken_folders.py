@@ -281,3 +281,19 @@ def test_a_film_alone_is_fine_and_claims_nothing_it_cannot_know(folder, tmp_path
     for key in ("jump_height_m", "zeta", "frequency_hz", "simulated_height_m"):
         assert f'"{key}": null' in text
     assert "true" not in out
+
+
+@pytest.mark.parametrize("key", ["{} = 1", "[{}]", "x = {{ {} = 1 }}"])
+def test_a_key_of_endless_parts_is_refused_at_once(tmp_path, key):
+    """tomllib took over a minute for 100,000 parts, and read them."""
+    from time import process_time
+
+    from jumpvision.experiment.inputs.model import read_toml
+
+    file = tmp_path / "experiment.toml"
+    file.write_text("ground = 'hard'\n" + key.format(".".join("a" * 100_000)) + "\n")
+    begun = process_time()
+    _, (said,) = read_toml(file)
+    assert process_time() - begun < 1.0 and "line 2: a key of more than 100 parts" in said
+    file.write_text(f"name = '{'.' * 500}'\nlist = [{'0.5, ' * 300}]\nwhat = \"{'a.' * 200}\" # {'.' * 99}\n")
+    assert read_toml(file)[1] == []

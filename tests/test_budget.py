@@ -70,7 +70,7 @@ RECORDED = Path(__file__).parents[1] / "data_samples/loose_sand/stutter-7.0Hz-fi
 SHAPE = (600, 200)  # rows, columns [px]
 FILM = RodVideo(file="rod.avi", scale=5e-4, ball_diameter=0.0095)
 LAW = Actuation(kind="stutter", frequency=8.0, amplitude=0.01, start=0.3)
-LENS = Calibration(k1=2e-8)
+LENS = Calibration(k1=2e-8, sensor="whole")
 NOISE = 0.01  # px
 TIME = np.arange(0.0, 1.0, 0.005)
 APEX = 66.0  # px above rest
@@ -385,12 +385,12 @@ def picture(tmp_path_factory):
 
 def test_height_and_packing_of_the_bed_move_with_scale_and_lens_by_their_common_part(picture):
     section, p = Bed(solid_volume=0.045, length=0.56, width=0.56), BedParams()
-    lens = Calibration(k1=2e-8, lens_sigma=2e-8)
+    lens = Calibration(k1=2e-8, lens_sigma=2e-8, sensor="whole")
     image = replace(picture, scale_sigma=0.005 * picture.scale)
     d = bed(image, section, lens, p=p).values
     by_scale = bed(replace(picture, scale=image.scale + image.scale_sigma), section, lens, p=p).values
     by_lens = bed(picture, section, replace(lens, k1=4e-8), p=p).values
-    plain = bed(picture, section, Calibration(k1=2e-8), p=p).values
+    plain = bed(picture, section, Calibration(k1=2e-8, sensor="whole"), p=p).values
     for value, common, sigma in (
         ("height_m", "sigma_common_m", "sigma_m"),
         ("volume_fraction", "sigma_common_volume_fraction", "sigma_volume_fraction"),

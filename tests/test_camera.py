@@ -106,3 +106,17 @@ def test_marks_seen_straight_on_stay_a_similarity():
         seen = np.column_stack([320 + GRID[:, 0] / 3e-4, 240 - GRID[:, 1] / 3e-4]) + rng.normal(0, 0.3, GRID.shape)
         called += camera(**{**PLAIN, "scale": None, "marks": np.column_stack([seen, GRID])}).homography is not None
     assert called <= 5  # 1 expected, 3 sigma of a binomial more
+
+
+def test_a_crop_is_straight_about_the_sensor_s_middle_and_bent_about_its_own():
+    """Points of a straight rail as a lens of k1 = -4e-8 on a sensor of 1280 x 1024 shows them, in a crop of 400 x 600
+    at column 700, row 300. The bend about the wrong middle is that of the formula: 3 k1 r (distance of the middles)."""
+    corner, sensor = np.array([700.0, 300.0]), np.array([639.5, 511.5])
+    seen = np.column_stack([np.full(7, 150.0), np.linspace(20.0, 580.0, 7)])  # px, in the crop
+    whole = camera(**{**PLAIN, "k1": -4e-8, "centre": tuple(sensor)})
+    crop = camera(**{**PLAIN, "k1": -4e-8, "centre": tuple(sensor - corner)})
+    bare = camera(**{**PLAIN, "k1": -4e-8, "centre": (199.5, 299.5)})
+    truth = whole.height(*(seen + corner).T)
+    assert np.ptp(crop.height(*seen.T) - truth) < 1e-12
+    off = bare.height(*seen.T) - truth
+    assert np.ptp(off - np.polyval(np.polyfit(seen[:, 1], off, 1), seen[:, 1])) > 1e-4  # m: that was not in any sigma

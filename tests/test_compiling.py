@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import os
 import subprocess
 import sys
 from functools import partial
@@ -86,3 +87,56 @@ def test_a_first_run_on_sand_does(tmp_path, monkeypatch):
         results = tmp_path / f"results_{said}"
         done = subprocess.run([*call, "--results", str(results), "--no-pictures"], capture_output=True, text=True)
         assert done.returncode == 0 and done.stderr.count("compiling for this machine") == said
+
+
+def test_a_version_does_not_meet_what_another_compiled(tmp_path, monkeypatch):
+    """numba knows a function by its own file: a record that was renamed elsewhere was an AttributeError on loading."""
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    inner = tmp_path / "films" / "__pycache__"
+    inner.mkdir(parents=True)
+    for version, kept in (("1.0", True), ("1.0", True), ("1.1", False)):
+        for name in ("kernel.nbi", "kernel.1.nbc", "kernel.pyc"):
+            (inner / name).write_bytes(b"")
+        compiling.compiled_code_goes(tmp_path, version)
+        assert {f.name for f in inner.iterdir()} == {"kernel.pyc"} | ({"kernel.nbi", "kernel.1.nbc"} if kept else set())
+
+
+def test_where_the_package_cannot_be_written_a_version_has_its_own_folder(tmp_path, monkeypatch):
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    compiling.compiled_code_goes(tmp_path / "not there", "1.1")
+    assert os.environ["NUMBA_CACHE_DIR"] == str(tmp_path / "jumpvision" / "compiled-1.1")
+
+
+TWICE = """
+import hashlib, warnings
+import numpy as np
+import jumpvision as jv
+from scipy.ndimage import gaussian_filter
+warnings.simplefilter("ignore")
+rng = np.random.default_rng(1)
+y, x = np.mgrid[:80, :100]
+ball = [120.0 / (1.0 + np.exp((np.hypot(x - 40 - 1.3 * i, y - 38 + 0.7 * i) - 8.3) / 0.5)) for i in range(12)]
+film = np.clip(40 + np.array(ball) + rng.normal(0, 3, (12, *x.shape)), 0, 255).astype(np.uint8)
+track = jv.track(film, frame_rate=500, diameter=16)
+a = 100 + 50 * gaussian_filter(rng.normal(size=(96, 128)), 1.2)
+field = jv.piv(a, np.roll(a, 2, axis=1) + rng.normal(0, 1, a.shape), window=32, step=16)
+hard = jv.sweep("hard", frequency=(5, 15, 41), phase=(0.0, 3.0, 9))
+sand = jv.sweep("granular", frequency=(5, 9, 3))
+for name, arrays in {
+    "track": [track[["x_px", "y_px", "sigma_px"]].to_numpy()],
+    "piv": [field[k].values for k in ("u", "v", "u_sigma", "v_sigma")],
+    "hard": [hard.jump_height_m.values, hard.peak_power_W.values],
+    "sand": [sand.jump_height_m.values, sand.peak_power_W.values],
+}.items():
+    print(name, hashlib.sha256(b"".join(a.tobytes() for a in arrays)).hexdigest())
+"""
+
+
+@pytest.mark.long
+def test_the_first_run_gives_the_bits_of_the_next(tmp_path):
+    """With nothing compiled, and with all of it loaded: a sweep and sigmas of a track were 1e-14 apart."""
+    there = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    said = [subprocess.run([sys.executable, "-c", TWICE], env=there, capture_output=True, text=True) for _ in range(2)]
+    assert said[0].returncode == 0, said[0].stderr
+    assert said[0].stdout == said[1].stdout and said[0].stdout.count("\n") == 4

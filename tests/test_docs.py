@@ -201,7 +201,7 @@ def test_data_of_other_programs(example, tmp_path, monkeypatch):
     (folder / "experiment.toml").write_text(BROUGHT[example]["toml"], encoding="utf-8")
     assert main(["check", str(folder)]) == 0
     if stage is None:  # a log that other stages read
-        table = read_log(open_experiment(folder).sections[made].path, *columns(made))
+        table = read_log(open_experiment(folder).sections[made], *columns(made))
         assert len(table) == 60 and np.allclose(np.diff(table.time_s), 1e-3)
         assert made != "motor_log" or abs(table.position_m.max() - 9.4e-3) < 1e-5
         assert made != "contact_log" or table.contact.sum() == 30

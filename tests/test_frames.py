@@ -154,7 +154,7 @@ def test_arrays_read_back(tmp_path, dtype):
     for name in ("film.npy", "turned.npy", "big.npy", "film.h5"):
         with open_frames(tmp_path / name, frame_rate=500.0, start=0.25) as film:
             check_film(film, truth, time)
-            assert film.time_source == "declared" and film.warnings == ()
+            assert film.time_source == "declared" and len(film.warnings) == name.endswith(".h5")  # which axis is y
         with pytest.raises(FrameError, match="give frame_rate"):
             open_frames(tmp_path / name)
 

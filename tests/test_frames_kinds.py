@@ -183,3 +183,48 @@ def test_a_leap_of_the_clock_is_told(tmp_path):
     )
     with open_frames(path) as film:
         assert any("leap by 1e+05 s after frame 29" in w for w in film.warnings)
+
+
+def turned(path):
+    """A film of 5 frames, 20 rows x 30 columns, as MATLAB's h5write(file, "/film", F) keeps F(row, column, frame)."""
+    h5py = pytest.importorskip("h5py")
+    truth = np.arange(5 * 20 * 30, dtype=np.uint16).reshape(5, 20, 30)
+    with h5py.File(path, "w") as file:
+        file["film"] = truth.transpose(0, 2, 1)
+    return truth
+
+
+def test_an_hdf5_film_says_how_it_is_read_and_may_be_turned(tmp_path):
+    truth = turned(tmp_path / "a.h5")
+    with open_frames(tmp_path / "a.h5", frame_rate=1.0) as film:
+        assert film.shape == (30, 20) and "/film is read as 5 frames of 30 rows x 20 columns" in film.warnings[0]
+    with open_frames(tmp_path / "a.h5", frame_rate=1.0, axes="frame,column,row") as film:
+        assert film.shape == (20, 30) and film.warnings == () and np.array_equal(film[3], truth[3])
+    np.save(tmp_path / "a.npy", truth)
+    with pytest.raises(FrameError, match="axes = 'frame,column,row': only of an HDF5 film"):
+        open_frames(tmp_path / "a.npy", frame_rate=1.0, axes="frame,column,row")
+
+
+@pytest.mark.parametrize("key", ["roi = [0, 0, 28, 18]", "axis_column = 25.0\nfoot_row = 3.0"])
+def test_places_outside_a_turned_film_are_refused(tmp_path, key):
+    from jumpvision.cli import main
+
+    turned(tmp_path / "a.h5")
+    toml = tmp_path / "experiment.toml"
+    text = f'[grain_video]\nfile = "a.h5"\nframe_rate = 100.0\n{key}\n'
+    toml.write_text(text)
+    assert main(["check", str(tmp_path)]) == 2
+    toml.write_text(f'{text}axes = "frame,column,row"\n')
+    assert main(["check", str(tmp_path)]) == 0
+
+
+def test_marks_outside_a_turned_film_are_refused(tmp_path, capsys):
+    from jumpvision.cli import main
+
+    turned(tmp_path / "a.h5")
+    text = '[grain_video]\nfile = "a.h5"\nframe_rate = 100.0\n'
+    marks = "[calibration]\nmarks = [[2.0, 3.0, 0.0, 0.0], [27.0, 15.0, 0.01, 0.01]]\n"
+    (tmp_path / "experiment.toml").write_text(text + marks)
+    assert main(["check", str(tmp_path)]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "mark 2 = 27, 15 (column, row) lies outside [grain_video] of 20 x 30 px: give axes" in said

@@ -165,7 +165,7 @@ def test_numbered_pictures_of_a_dark_ball(tmp_path, capsys):
     assert written["params"]["track"]["polarity"] == "dark"
     assert np.allclose(written["params"]["track"]["seed"], [30, 40], atol=0.2)
     assert "encoder.csv: not used: its first line is 'Zeit;Weg'" in text and "time_s,position_m" in text
-    assert "force.lvm: not used: a table? Save it as CSV" in text and "readme.txt: not used: no rows" in text
+    assert "force.lvm: not used: no rows after its headers" in text and "readme.txt: not used: no rows" in text
     assert "guessed from what it shows" in text and "notes.docx" not in text
     assert main(["track", str(tmp_path), "--results", str(tmp_path / "results"), "--no-pictures"]) == 0
 

@@ -163,7 +163,7 @@ def test_what_is_no_such_file_is_refused_in_words(tmp_path, suffix):
     file = tmp_path / f"motor{suffix}"
     for content in (b"time_s,position_m\n0,0\n", b"TDSm" + bytes(60), b"MATLAB 7.3" + bytes(600), bytes(200)):
         file.write_bytes(content)
-        with pytest.raises(InputError, match=r"motor\.(tdms|mat): "):
+        with pytest.raises(InputError, match=r"motor\.(tdms|lvm|mat): "):
             read_log(motor(file), "time_s", "position_m")
 
 
@@ -282,3 +282,96 @@ def test_links_of_a_mat_file_to_other_files_are_not_followed(tmp_path):
         out["gone"] = h5py.SoftLink("/nowhere")
     with pytest.raises(InputError, match="position_m"):
         read_log(motor(file), "time_s", "position_m")
+
+
+def waveform(path, steps, starts=(None, None), counts=(12, 12)):
+    """Two channels of a TDMS file, each with its rate and date as LabVIEW's waveforms state them."""
+    nptdms = pytest.importorskip("nptdms")
+    with nptdms.TdmsWriter(path) as out:
+        for name, step, start, n in zip(("position_m", "force_N"), steps, starts, counts):
+            told = {"wf_increment": step, "wf_start_offset": 0.0} | ({} if start is None else {"wf_start_time": start})
+            out.write_segment([nptdms.ChannelObject("Log", name, np.arange(float(n)), told)])
+    return path
+
+
+BEGAN = datetime.datetime(2024, 5, 1, 10)
+
+
+@pytest.mark.parametrize(
+    ("steps", "starts", "counts"),
+    [
+        ((1e-3, 2e-3), (None, None), (12, 12)),
+        ((1e-3, 2e-3), (BEGAN, BEGAN), (12, 6)),
+        ((1e-3, 1e-3), (BEGAN, BEGAN + datetime.timedelta(milliseconds=5)), (12, 12)),
+    ],
+)
+def test_channels_with_clocks_of_their_own_are_refused(tmp_path, steps, starts, counts):
+    """The first channel's clock served all: forces at 2 ms were taken for such at 1 ms, 5 ms late ones for prompt."""
+    file = waveform(tmp_path / "a.tdms", steps, starts, counts)
+    with pytest.raises(InputError, match=r"position_m and force_N have clocks of their own: 12 values, one a 0.001 s"):
+        read_log(motor(file), "time_s", "position_m", optional=("force_N",))
+    assert read_log(motor(file), "time_s", "position_m").time_s.iloc[-1] == pytest.approx(0.011)
+
+
+def test_a_date_that_was_never_set_is_no_date(tmp_path):
+    """LabVIEW writes 1904 for it; two channels of one rate go together then, and the declared rate goes before both."""
+    file = waveform(tmp_path / "a.tdms", (1e-3, 1e-3), (datetime.datetime(1904, 1, 1), BEGAN))
+    read = read_log(motor(file), "time_s", "position_m", optional=("force_N",))
+    assert read.time_s.to_numpy() == pytest.approx(1e-3 * np.arange(12))
+    read = read_log(motor(file, rate=500.0, start=1.0), "time_s", "position_m")
+    assert read.time_s.to_numpy() == pytest.approx(1.0 + 2e-3 * np.arange(12))
+
+
+def test_a_rate_beside_times_is_refused_and_one_without_times_is_the_clock(tmp_path):
+    file = write(tmp_path / "a.csv", {"time_s": T, "position_m": X})
+    with pytest.raises(InputError, match="rate = 250 beside the column of times time_s"):
+        read_log(motor(file, rate=250.0), "time_s", "position_m")
+    file = write(tmp_path / "b.csv", {"position_m": X})
+    assert read_log(motor(file, rate=250.0), "time_s", "position_m").time_s.to_numpy() == pytest.approx(T - 0.5)
+
+
+@pytest.mark.parametrize("unit", ["9**9**9**9 N s/m", "(" * 1000])
+def test_a_unit_in_a_foreign_file_is_read_not_calculated(tmp_path, unit):
+    file = write(tmp_path / "a.tdms", {"Log/time_s": T, "Log/position_m": X}, units={"Log/position_m": unit})
+    with pytest.raises(InputError, match=r"which is no m .unknown unit"):
+        read_log(motor(file), "time_s", "position_m")
+
+
+def test_a_unit_by_its_name(tmp_path):
+    file = write(tmp_path / "a.tdms", {"Log/time_s": T, "Log/position_m": 1e3 * X},
+                 units={"Log/position_m": "Millimeters"})  # fmt: skip
+    assert read_log(motor(file), "time_s", "position_m").position_m.to_numpy() == pytest.approx(X, rel=1e-14)
+
+
+ROWS = [f"{t:.3f},{x:.6f}," for t, x in zip(T, X)]
+
+
+@pytest.mark.parametrize(
+    ("comments", "words"),
+    [
+        ({3: '"lamp off', 7: 'again"'}, r"row 4: a quotation mark opens the cell 'lamp off' and closes it 4 lines on"),
+        ({3: '"lamp off'}, r"line 5: a quotation mark opens a cell that never ends: close or remove it"),
+        ({3: '"lamp\noff"'}, r"row 4: a quotation mark opens the cell 'lamp'"),
+    ],
+)
+def test_a_quotation_mark_that_is_not_closed_swallows_no_rows(tmp_path, comments, words):
+    """Rows 4 to 8 were one cell, and 8 of 12 rows were read without a word."""
+    file = tmp_path / "motor.csv"
+    file.write_text("time_s,position_m,note\n" + "\n".join(r + comments.get(i, "") for i, r in enumerate(ROWS)) + "\n")
+    with pytest.raises(InputError, match=words):
+        read_log(motor(file), "time_s", "position_m")
+
+
+def test_marks_that_are_closed_or_stand_within_a_cell_are_text(tmp_path):
+    comments, file = {2: '"lamp, off"', 3: '3" rod', 5: 'the "good" one'}, tmp_path / "motor.csv"
+    file.write_text("time_s,position_m,note\n" + "\n".join(r + comments.get(i, "") for i, r in enumerate(ROWS)) + "\n")
+    assert read_log(motor(file), "time_s", "position_m").position_m.to_numpy() == pytest.approx(X, abs=1e-6)
+
+
+def test_nor_of_a_table_that_a_person_writes(tmp_path):
+    from jumpvision.experiment.inputs.logs import LENGTH, read_columns
+
+    file = tmp_path / "animals.csv"
+    file.write_text('name,length [mm]\nflea,1\n"bush baby,2\ncat,3\nflea",4\n')
+    with pytest.raises(InputError, match="row 2: a quotation mark opens the cell"):
+        read_columns(file, {"length": LENGTH})

@@ -275,6 +275,11 @@ def test_what_cannot_be_followed_is_said(tmp_path):
         jv.paths(data, spacing=0)
     with pytest.raises(ValueError, match="three frames and more"):
         jv.paths(data.isel(t=0))
+    # a slip of the hand asked for 134 GiB
+    with pytest.raises(InputError, match=r"spacing: \d+ x \d+ points, more than most = 300000: give a wider spacing"):
+        through(data, grid, None, None, PathsParams(spacing=1e-3))
+    with pytest.raises(InputError, match="more than most = 3:"):
+        through(data, grid, None, None, PathsParams(spacing=40.0, most=3))
 
 
 def test_a_film_has_paths_only_when_asked(tmp_path):

@@ -127,7 +127,7 @@ def pivpy(folder, unit, dims):
             "x": ("x", COLUMNS * length, {"units": names[0]}), "y": ("y", (ROWS[0] + ROWS[-1] - ROWS) * length,
             {"units": names[0]}), "t": ("t", np.arange(3.0), {"units": "frame"}),
         },
-        attrs={"delta_t": 0.0, "files": ["a.txt"], "pivpy_schema_version": "1"},
+        attrs={"delta_t": 0.0, "files": ["a.vc7"], "pivpy_schema_version": "1"},
     )  # fmt: skip
     data.transpose(*dims).to_netcdf(folder / "field.nc")
     return "field.nc"
@@ -136,7 +136,7 @@ def pivpy(folder, unit, dims):
 TURNED = ROWS[0] + ROWS[-1]  # y up where a program turns the picture over: row + y
 CASES = {  # how it is written; unit of length [m], y of the face, what [piv_field] has to add
     "openpiv": (lambda f: openpiv(f, True), 1.0, TURNED - FACE, 'length = "px"\nspeed = "px/frame"\n'),
-    "openpiv-rows": (lambda f: openpiv(f, False), 1.0, FACE, 'length = "px"\nspeed = "px/frame"\n'),
+    "openpiv-rows": (lambda f: openpiv(f, False), 1.0, FACE, 'length = "px"\nspeed = "px/frame"\nup = "-y"\n'),
     "pivlab-text": (pivlab_text, 1.0, FACE, ""),
     "pivlab-mat": (lambda f: pivlab_mat(f, False, False), 1.0, FACE, ""),
     "pivlab-mat-up": (lambda f: pivlab_mat(f, False, True), 1.0, TURNED - FACE, ""),

@@ -1,4 +1,11 @@
-"""What numba has not compiled on this machine before takes it half a minute: whoever waits is told, once a run."""
+"""What numba has not compiled on this machine before takes it half a minute: whoever waits is told, once a run.
+
+Why kernels that call each other have no `fastmath`: numba links the code of a function into each that calls it and
+optimises the copy once more. All copies have one name, and the first that is loaded serves: where the inner function
+is compiled in this process it is its own, where the outer one comes from the cache it is the outer one's. IEEE
+arithmetic gives the same bits in both; sums that may be reordered ("reassoc"), or products that may be fused with a sum
+("contract"), do not: the tracker's sigma and a sweep on hard ground had other last bits in the first run than after it.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +15,60 @@ import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
+
+
+def compiled_code_goes(package: Path, version: str) -> None:
+    """Compiled functions are kept beside the package, or else under the home folder; where neither can be written (a
+    package for all users, a container without a home) in a folder of the user's own among the temporary files.
+
+    Nowhere does a version meet what another compiled: numba knows a function by the text of its own file, and what it
+    imports, a record with other fields or another number, may have changed.
+    """
+    if "NUMBA_CACHE_DIR" in os.environ:
+        return
+    if _writable(package):
+        _clear_of_others(package, version)
+        return
+    home = Path(os.environ.get("XDG_CACHE_HOME") or Path(os.path.expanduser("~")) / ".cache")
+    there = next((p for p in (home, *home.parents) if p.is_dir()), home)
+    own = home / "jumpvision" if _writable(there) else _among_the_temporary()
+    os.environ["NUMBA_CACHE_DIR"] = str(own / f"compiled-{version}")
+
+
+def _clear_of_others(package: Path, version: str) -> None:
+    """Removes what another version has compiled beside the package."""
+    note = package / "__pycache__" / "compiled-for"
+    try:
+        before = note.read_text() if note.exists() else ""
+        if before == version:
+            return
+        for old in package.rglob("__pycache__/*.nb[ic]") if before else ():
+            old.unlink(missing_ok=True)
+        note.parent.mkdir(exist_ok=True)
+        note.write_text(version)
+    except OSError:  # another process is at it, or a disk is full
+        return
+
+
+def _among_the_temporary() -> Path:
+    """A folder of the user's own; a fresh one where somebody else's lies there: code that is loaded would be theirs."""
+    user = os.getuid() if hasattr(os, "getuid") else 0
+    own = Path(tempfile.gettempdir()) / f"jumpvision-{user}"
+    try:
+        own.mkdir(mode=0o700, exist_ok=True)
+        if hasattr(os, "getuid") and (own.is_symlink() or own.stat().st_uid != user or own.stat().st_mode & 0o022):
+            raise PermissionError
+    except OSError:
+        return Path(tempfile.mkdtemp(prefix="jumpvision-"))
+    return own
+
+
+def _writable(folder: Path) -> bool:
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
 
 
 class Notice(NamedTuple):

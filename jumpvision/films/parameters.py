@@ -142,6 +142,7 @@ class PathsParams(Params):
 
     spacing: float = param(0.0, "px", "between the points where paths start; 0: no paths", lo=0, hi=1e4)
     start: int = param(0, "fields", "the field that they start with", lo=0, hi=10**9)
+    most: int = param(300_000, "", "paths; a spacing that gives more is refused", lo=1, hi=10**9)
 
 
 @dataclass(frozen=True)

@@ -244,7 +244,7 @@ def calibration(protocol: Protocol) -> dict[str, Table]:
     for record, name in FILMED_BY.items():
         camera = getattr(protocol.cameras, name)
         if getattr(protocol.records, record) and camera.calibrated:
-            return {"calibration": {"k1": camera.k1, "k2": camera.k2}}
+            return {"calibration": {"k1": camera.k1, "k2": camera.k2, "sensor": "whole"}}
     return {}
 
 

@@ -36,6 +36,20 @@ def dimension(unit: str) -> tuple[tuple[str, float], ...]:
 
 
 @cache
+def factor(unit: str, wanted: str) -> float:
+    """What one `unit` is in units of `wanted`; Newtons is read as newtons. LawError where it is none, or of another
+    dimension."""
+    try:
+        known = dimension(unit)
+    except LawError:
+        unit = unit.lower()
+        known = dimension(unit)
+    if known != dimension(wanted):
+        raise LawError(f"a unit of another dimension than {wanted}")
+    return float(_units().Quantity(1.0, unit.strip()).to(wanted).magnitude)
+
+
+@cache
 def _units() -> Any:
     import pint
 

@@ -32,7 +32,7 @@ WORDS = {  # section: words in the name of a film or picture
 FILMS = ("rod_video", "grain_video")
 PICTURES = ("bed_image", "crater_image")
 FIELDS = (".nc", ".mat")
-TABLES = (".xls", ".xlsx", ".ods", ".lvm", ".dat")
+TABLES = (".xls", ".xlsx", ".ods", ".dat")
 IGNORED = ("", ".toml", ".json", ".md", ".cih", ".cihx", ".py", ".ipynb", ".html", ".pdf", ".docx")
 GUESSED = "guessed from what it shows: write another section if it is something else"
 ANY_RATE = 1.0  # Hz, to open pictures that carry no clock
@@ -84,7 +84,7 @@ def candidates(folder: Path) -> Iterator[str]:
     for f in files:
         if f.is_dir():
             kinds = {g.suffix.lower() for g in f.iterdir() if g.is_file() and not g.name.startswith(".")}
-            if (kinds and kinds <= {*SUFFIXES}) or kinds == {".txt"}:
+            if (kinds and kinds <= {*SUFFIXES}) or kinds == {".txt"} or kinds == {".vec"}:
                 yield f.name
         elif m := re.fullmatch(r"(.*?)[0-9]+", f.stem):
             series.setdefault(f"{m[1]}*{f.suffix}", []).append(f)
@@ -92,7 +92,7 @@ def candidates(folder: Path) -> Iterator[str]:
         f
         for p, s in series.items()
         # three numbered pictures make a film
-        if len(s) >= 3 and set(folder.glob(p)) == set(s) and s[0].suffix.lower() in (*SUFFIXES, ".txt")
+        if len(s) >= 3 and set(folder.glob(p)) == set(s) and s[0].suffix.lower() in (*SUFFIXES, ".txt", ".vec")
         for f in s
     }
     yield from (pattern for pattern, s in series.items() if s[0] in numbered)
@@ -106,7 +106,7 @@ def recognised(folder: Path, name: str, section: str | None) -> Recording:
         return _table(path, name)
     if suffix in CHANNELS and (suffix not in FIELDS or not _is_field(path)):
         return _channels(path, name)
-    if suffix in FIELDS or suffix == ".txt" or (path.is_dir() and any(path.glob("*.txt"))):
+    if suffix in (*FIELDS, ".txt", ".vec") or (path.is_dir() and any((*path.glob("*.txt"), *path.glob("*.vec")))):
         return _field(path, name)
     if suffix == ".npz" or _is_map(path, suffix):
         return Recording("crater_depth", name, "depth map")
@@ -132,19 +132,21 @@ def _log_with(columns: Collection[str]) -> str | None:
 
 
 def _channels(path: Path, name: str) -> Recording:
-    """A log in a file of channels: a channel may be called as its column, in a group or not; TDMS may give its rate in
-    place of a time."""
+    """A log in a file of channels: a channel may be called as its column, in a group or not; TDMS and LVM may give
+    their rate in place of a time."""
     read = CHANNELS[path.suffix.lower()]
     names = read(path, ()).names
     bare = {n.rsplit("/", 1)[-1] for n in names} if path.suffix.lower() == ".tdms" else set(names)
-    timed = {"time_s"} if any(c.clock is not None for c in read(path, names).channels.values()) else set()
+    held = read(path, names).channels.values()
+    timed = {"time_s"} if any(c.clock is not None or c.untimed for c in held) else set()
     if (section := _log_with(bare | timed)) is not None:
         return Recording(section, name, f"channels {', '.join(names)}")
     raise InputError(
         [
             # channels named in a message
             f"its channels are {', '.join(names[:12])}; known: {_headers()}; name them in its section, for example "
-            f"columns.time_s = '{names[0] if names else 't'}' (docs/bring_your_own_data.md)"
+            f"columns.{'position_m' if timed else 'time_s'} = '{names[0] if names else 't'}' "
+            "(docs/bring_your_own_data.md)"
         ]
     )
 

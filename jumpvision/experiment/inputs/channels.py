@@ -1,18 +1,19 @@
-"""Logs in the files of measuring programs, channel by channel: LabVIEW's TDMS and MATLAB's MAT."""
+"""Logs in the files of measuring programs, channel by channel: LabVIEW's TDMS and LVM, MATLAB's MAT."""
 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jumpvision.base.arrays import AnyArray
 from jumpvision.base.schema import InputError
+
+from .held import Channel, Held
+from .lvm import lvm
 
 if TYPE_CHECKING:
     import h5py
@@ -20,24 +21,6 @@ if TYPE_CHECKING:
 
 DEEPEST, MOST = 16, 10_000  # groups within groups, channels of a file
 UNPACKED = 1e9  # bytes of a log in memory, when it is decompressed
-
-
-@dataclass(frozen=True)
-class Channel:
-    """values (n,), numbers or texts, as the file has them. unit: what the file says, "" where it says none. clock (n,)
-    [s]: times of the values, where the file gives their rate."""
-
-    name: str
-    values: AnyArray
-    unit: str = ""
-    clock: NDArray[np.floating] | None = None
-
-
-class Held(NamedTuple):
-    """Names of all channels in a file, and those that were asked for, by the name they were asked by."""
-
-    names: list[str]
-    channels: Mapping[str, Channel]
 
 
 def tdms(path: Path, asked: Collection[str]) -> Held:
@@ -70,8 +53,13 @@ def _of_tdms(name: str, channel: TdmsChannel) -> Channel:
     if values.dtype.kind == "M":  # dates: time since the first
         values = (values - values[:1]) / np.timedelta64(1, "us") * 1e-6
     step = float(told.get("wf_increment") or 0.0)
-    clock = float(told.get("wf_start_offset") or 0.0) + step * np.arange(len(values)) if step > 0.0 else None
-    return Channel(name, values, str(told.get("unit_string") or "").strip(), clock)
+    first = float(told.get("wf_start_offset") or 0.0)
+    clock = first + step * np.arange(len(values), dtype=float) if step > 0.0 else None
+    began = told.get("wf_start_time")
+    # LabVIEW counts from 1904: that is a date that was never set
+    known = began is not None and np.datetime64(began) > np.datetime64("1904-01-02")
+    unit = str(told.get("unit_string") or "").strip()
+    return Channel(name, values, unit, clock, np.datetime64(began) if known else None)
 
 
 def mat(path: Path, asked: Collection[str]) -> Held:
@@ -168,4 +156,4 @@ def _modern(path: Path) -> Iterator[tuple[str, AnyArray]]:
                 yield from _vectors(d.name.strip("/").replace("/", "."), d[()].T)
 
 
-READERS: dict[str, Callable[[Path, Collection[str]], Held]] = {".tdms": tdms, ".mat": mat}
+READERS: dict[str, Callable[[Path, Collection[str]], Held]] = {".tdms": tdms, ".lvm": lvm, ".mat": mat}

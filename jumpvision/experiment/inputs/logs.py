@@ -1,17 +1,19 @@
-"""Logs of the laboratory (CSV, TDMS, MAT): read whole, checked value by value, refused with row, column, remedy."""
+"""Logs of the laboratory (CSV, TDMS, LVM, MAT): read whole, checked value by value, refused with row and remedy."""
 
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jumpvision.base.schema import InputError, closest
+from jumpvision.base.schema import InputError, StageWarning, closest
 from jumpvision.base.storage import irregular
 
-from .channels import READERS, Channel, Held
+from .channels import READERS
+from .held import Channel, Held
 from .recordings import LogSection
 
 if TYPE_CHECKING:
@@ -36,7 +38,7 @@ def read_log(
     import pandas as pd
 
     path = log if isinstance(log, Path) else log.path
-    raw = _cells(path, columns, optional, {} if isinstance(log, Path) else log.called)
+    raw = _cells(path, columns, optional, {} if isinstance(log, Path) else log.called, getattr(log, "rate", None))
     rows = {c: len(channel.values) for c, channel in raw.items()}
     if len(set(rows.values())) > 1:
         told = ", ".join(f"{raw[c].name} has {n}" for c, n in rows.items())
@@ -79,9 +81,14 @@ def columns_in(log: LogSection) -> list[str]:
 
 
 def _cells(
-    path: Path, columns: tuple[str, ...], optional: tuple[str, ...], called: Mapping[str, str]
+    path: Path,
+    columns: tuple[str, ...],
+    optional: tuple[str, ...],
+    called: Mapping[str, str],
+    rate: float | None,
 ) -> dict[str, Channel]:
-    """The columns as the file has them; of the optional ones those that are there."""
+    """The columns as the file has them; of the optional ones those that are there. rate [1/s]: of the rows, over what
+    the file says of it."""
     wanted = {c: called.get(c, c) for c in (*columns, *optional)}
     held = _held(path, [n for name in wanted.values() for n in (name, _split(name)[0])], columns)
     found, missing = {}, []
@@ -91,9 +98,11 @@ def _cells(
             found[c] = replace(channel, unit=_split(name)[1] or _split(channel.name)[1] or channel.unit)
         elif c in columns or c in called:
             missing.append(c)
-    clock = next((channel.clock for channel in found.values() if channel.clock is not None), None)
-    if missing[:1] == [columns[0]] and columns[0] not in called and clock is not None:  # timed by its rate alone
-        found = {columns[0]: Channel(missing.pop(0), clock), **found}
+    time = columns[0]
+    if rate is not None and time in found:
+        raise InputError([f"{path}: rate = {rate:g} beside the column of times {found[time].name}: leave rate out"])
+    if missing[:1] == [time] and time not in called and (clock := _clock(path, found, rate)) is not None:
+        found = {time: Channel(missing.pop(0), clock), **found}
     if missing:
         said = f"the header is '{','.join(held.names)}'"
         words = {c: f"{c} = '{called[c]}'" if c in called else c for c in missing}
@@ -101,6 +110,51 @@ def _cells(
             [f"{path}: column {words[c]} missing; {said}{closest(wanted[c], held.names)}" for c in missing]
         )
     return found
+
+
+def _clock(path: Path, found: Mapping[str, Channel], rate: float | None) -> Array | None:
+    """Times of a log without a column of times: by `rate`, else those that the file gives its channels, one and the
+    same for all. None where it gives none."""
+    import numpy as np
+
+    if rate is not None and found:
+        return np.arange(len(next(iter(found.values())).values)) / rate
+    if reason := next((c.untimed for c in found.values() if c.untimed), ""):
+        raise InputError([f"{path}: {reason}"])
+    timed = [c for c in found.values() if c.clock is not None]
+    for other in timed[1:]:
+        if not _alike(timed[0], other):
+            raise InputError(
+                [
+                    f"{path}: {timed[0].name} and {other.name} have clocks of their own: {_told(timed[0])}, but "
+                    f"{_told(other)}; bring them to one clock (resample in LabVIEW), or save the times as a channel"
+                ]
+            )
+    if timed and timed[0].note:
+        warnings.warn(f"{path}: {timed[0].note}", StageWarning, stacklevel=4)
+    return timed[0].clock if timed else None
+
+
+def _alike(one: Channel, other: Channel) -> bool:
+    """Whether the values of two channels were taken at the same times, to a hundredth of a step."""
+    import numpy as np
+
+    a, b = np.asarray(one.clock), np.asarray(other.clock)
+    late = 0.0
+    if one.began is not None and other.began is not None:
+        late = float((other.began - one.began) / np.timedelta64(1, "us")) * 1e-6
+    step = (a[-1] - a[0]) / (len(a) - 1) if len(a) > 1 else 0.0
+    return a.shape == b.shape and bool(np.abs(b + late - a).max(initial=0.0) <= 0.01 * abs(step))
+
+
+def _told(channel: Channel) -> str:
+    """When a channel begins and how fast it goes, in words."""
+    import numpy as np
+
+    clock = np.asarray(channel.clock)
+    rate = f"{len(clock)} values, one a {(clock[-1] - clock[0]) / (len(clock) - 1):.6g} s" if len(clock) > 1 else "one"
+    since = "" if channel.began is None else f", since {channel.began}"
+    return f"{rate}, first at {clock[0] if len(clock) else 0.0:g} s{since}"
 
 
 def _split(name: str) -> tuple[str, str]:
@@ -114,14 +168,15 @@ def _factor(path: Path, column: str, channel: Channel) -> float:
     _, mark, unit = column.rpartition("_")
     if not channel.unit or not mark or channel.unit == unit:
         return 1.0
-    import pint
+    from jumpvision.engine.laws.dimension import factor
+    from jumpvision.engine.laws.tree import LawError
 
     try:
-        return float(pint.UnitRegistry().Quantity(1.0, channel.unit).to(unit).magnitude)
-    except Exception as e:  # what is no unit fails in many ways
+        return factor(channel.unit, unit)
+    except LawError as e:
         raise InputError(
             [
-                f"{path}: {channel.name} is in '{channel.unit}', which is no {unit} ({e}); name another channel, or "
+                f"{path}: {channel.name} is in '{channel.unit[:60]}', which is no {unit} ({e}); name another, or "
                 f"its true unit: columns.{column} = '{_split(channel.name)[0]} [{unit}]'"
             ]
         ) from None
@@ -160,12 +215,32 @@ def _table(path: Path, asked: Collection[str], columns: tuple[str, ...]) -> Held
         text = str(e).strip().splitlines()[-1]
         if longer := re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", text):
             text = f"line {longer[2]} has {longer[3]} values, the header {longer[1]}"
+        if opened := re.search(r"EOF inside string starting at row (\d+)", text):
+            text = f"line {int(opened[1]) + 1}: a quotation mark opens a cell that never ends: close or remove it"
         raise InputError([f"{path}: not a CSV table ({text}); expected the header {','.join(columns)}"]) from None
+    _refuse_swallowed(path, raw)
     header = [str(c).strip() for c in raw.iloc[0]]
     if twice := [n for n in dict.fromkeys(asked) if header.count(n) > 1]:
         raise InputError([f"{path}: column {n} is there {header.count(n)} times; rename or remove one" for n in twice])
     rows = raw[1:].reset_index(drop=True)
     return Held(header, {n: Channel(n, rows[header.index(n)].to_numpy()) for n in asked if n in header})
+
+
+def _refuse_swallowed(path: Path, raw: pd.DataFrame, first: int = 0) -> None:
+    """InputError where a quotation mark that is not closed runs on to the next, in another row: the rows between are
+    one cell. first: number of the table's first row, the header being 0."""
+    if b'"' not in path.read_bytes():
+        return
+    for column in raw:
+        for row in raw.index[raw[column].str.contains("[\r\n]", regex=True)][:1]:
+            cell = raw[column][row]
+            where = f"row {row + first}" if row + first else "the header"
+            raise InputError(
+                [
+                    f"{path}: {where}: a quotation mark opens the cell '{cell.splitlines()[0][:40]}' and closes it "
+                    f"{len(cell.splitlines()) - 1} lines on: close it where it ends, or remove it"
+                ]
+            )
 
 
 # Tables that a person writes: columns carry their units, as `length [mm]`.
@@ -185,6 +260,7 @@ def read_columns(path: Path, wanted: Mapping[str, Units]) -> tuple[dict[str, Arr
         data = pd.read_csv(path, comment="#", skipinitialspace=True)
     except (OSError, ValueError) as e:
         raise InputError([f"{path}: {e}"]) from None
+    _refuse_swallowed(path, data.select_dtypes(exclude="number").astype(str), 1)
     found: dict[str, Array] = {}
     problems = []
     for name, units in wanted.items():

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from jumpvision.jumper.physics.packing import Laws
 
 LARGEST = 10**6  # bytes of a TOML file
+DEEPEST = 100  # parts of a key
+QUOTED = re.compile(r""""(?:[^"\\]|\\.)*"|'[^']*'""")
 OwnTables = Toml  # the user's tables [mechanism.NAME], as TOML has them
 
 
@@ -92,13 +94,25 @@ def _with_line(problem: str, file: Path) -> str:
     return problem
 
 
+def _endless_key(text: str) -> int:
+    """The line of a key of more than DEEPEST parts, 0 where none is: a.a.a... of 100,000 takes tomllib minutes."""
+    for number, line in enumerate(text.splitlines(), 1):
+        if line.count(".") > DEEPEST and any(p.count(".") > DEEPEST for p in re.split(r"[=,{}]", QUOTED.sub("", line))):
+            return number
+    return 0
+
+
 def read_toml(file: Path) -> tuple[dict[str, Any], list[str]]:
     try:
         if problem := irregular(file):
             return {}, [f"{file}: {problem}"]
         if (size := file.stat().st_size) > LARGEST:
             return {}, [f"{file}: {size} bytes; at most {LARGEST} are read: put tables into recordings, not keys"]
-        return tomllib.loads(file.read_text(encoding="utf-8-sig")), []
+        text = file.read_text(encoding="utf-8-sig")
+        if line := _endless_key(text):
+            deep = f"a key of more than {DEEPEST} parts, joined by dots: damaged? None has more than four"
+            return {}, [f"{file}: line {line}: {deep}"]
+        return tomllib.loads(text), []
     except tomllib.TOMLDecodeError as e:
         return {}, [f"{file}: not valid TOML: {e}"]
     except RecursionError:

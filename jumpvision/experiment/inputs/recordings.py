@@ -62,6 +62,14 @@ def _clock() -> Any:
     return param("file", "", meaning, choices=("file", "declared"))
 
 
+def _axes() -> Any:
+    meaning = (
+        "how the data set of an HDF5 film counts: frame,column,row of MATLAB's h5write; default: frame,row,column, or "
+        "as MATLAB's save says"
+    )
+    return param("", "", meaning, choices=("", "frame,row,column", "frame,column,row"))
+
+
 def _truncated() -> Any:
     meaning = "a film that was cut off: refuse it, or accept its whole frames"
     return param("refuse", "", meaning, choices=("refuse", "accept"))
@@ -89,6 +97,7 @@ class RodVideo(FileSection):
     exposure: float = param(0.0, "s", "exposure time of a frame", lo=0, hi=10.0)
     start: float = param(0.0, "s", "start of the first exposure on the common clock", lo=-1e6, hi=1e9)
     clock: str = _clock()
+    axes: str = _axes()
     truncated: str = _truncated()
     fields: str = param(
         "together",
@@ -135,15 +144,32 @@ class Calibration(Section):
         0.0, "1/px^2", "radial distortion: true offset = seen offset x (1 + k1 r^2 + k2 r^4)", lo=-1, hi=1
     )
     k2: float = param(0.0, "1/px^4", "radial distortion, fourth order", lo=-1, hi=1)
-    centre: tuple[float, ...] = param((), "px", "column, row of the distortion centre; default the image centre")
+    centre: tuple[float, ...] = param(
+        (), "px", "column, row of the lens's axis, outside the picture too; default: the picture's middle (see sensor)"
+    )
+    sensor: str = param("", "", "whole: no picture is a crop, the lens's axis is its middle", choices=("", "whole"))
     marks: tuple[tuple[float, ...], ...] = param((), "", "[[px, py, x_m, y_m], ...]: known points (x right, y up)")
     tilt: float = param(0.0, "rad", "angle of the rail against the image axis, counter-clockwise", lo=-1.6, hi=1.6)
     lens_sigma: float = param(0.0, "1/px^2", "standard uncertainty of k1", lo=0, hi=1)
     tilt_sigma: float = param(0.0, "rad", "standard uncertainty of tilt", lo=0, hi=0.5)
 
+    def centred(self, section: str, shape: tuple[int, int]) -> str:
+        """A word where nothing says where the lens's axis goes through a picture of (rows, columns), "" else: of a
+        crop, as most high-speed films are, it is not the middle."""
+        if self.centre or self.sensor or not (self.k1 or self.k2):
+            return ""
+        column, row = (shape[1] - 1) / 2, (shape[0] - 1) / 2
+        return (
+            f"[calibration] k1 without centre: the lens is undone about the middle of [{section}], [{column:g}, "
+            f'{row:g}], which a crop of the sensor has elsewhere. Give sensor = "whole", or centre = [column, row]: '
+            "half of the sensor's columns and rows less those before the crop"
+        )
+
     def check(self) -> list[str]:
         """Two numbers in the centre, four in a mark, two marks or none."""
         out = []
+        if self.centre and self.sensor:
+            out.append(f'sensor = "whole": beside centre = {list(self.centre)}; leave one of them out')
         if self.centre and len(self.centre) != 2:
             out.append(f"centre = {list(self.centre)}: must be [column, row]")
         if any(len(m) != 4 for m in self.marks) or len(self.marks) == 1:
@@ -173,6 +199,7 @@ class BedImage(Scaled):
         None, "grey", "level from which pixels are clipped; default: the type's largest", lo=0, hi=65536, open_lo=True
     )
     frame_rate: float | None = _rate("of a series without time stamps; default one picture a second")
+    axes: str = _axes()
 
 
 @dataclass(frozen=True)
@@ -193,6 +220,7 @@ class GrainVideo(FileSection):
         hi=1e5,
     )
     clock: str = _clock()
+    axes: str = _axes()
     truncated: str = _truncated()
     foot: str = param("half", "", "half (flush with the wall) or full disc", choices=("half", "full"))
     start: float = param(0.0, "s", "start of the first exposure on the common clock", lo=-1e6, hi=1e9)
@@ -232,7 +260,7 @@ class GrainMask(FileSection):
 
 @dataclass(frozen=True)
 class LogSection(FileSection):
-    """A table: CSV, TDMS (LabVIEW) or MAT (MATLAB)."""
+    """A table: CSV, TDMS or LVM (LabVIEW), or MAT (MATLAB)."""
 
     knows: ClassVar[tuple[str, ...]] = ()
     columns: dict[str, str] | None = param(
@@ -260,6 +288,7 @@ class TimedLog(LogSection):
     """A log against time."""
 
     start: float = param(0.0, "s", "of the log's time 0 on the common clock", lo=-1e6, hi=1e9)
+    rate: float | None = _rate("of the rows of a log without a column of times; goes before the rate that a file gives")
 
 
 @dataclass(frozen=True)
@@ -348,7 +377,8 @@ class CraterDepth(FileSection):
 
 @dataclass(frozen=True)
 class PivField(Scaled):
-    """A velocity field computed elsewhere: pivpy .nc, PIVlab .mat, or a folder or pattern of OpenPIV or PIVlab .txt."""
+    """A velocity field computed elsewhere: pivpy .nc, PIVlab .mat, or a folder or pattern of .txt (OpenPIV, PIVlab,
+    DaVis) or .vec (Insight)."""
 
     name: ClassVar[str] = "piv_field"
     length: str = param(
@@ -356,6 +386,9 @@ class PivField(Scaled):
     )
     speed: str = param(
         "file", "", "unit of u and v in the file; default: what the file says", choices=("file", *SPEEDS)
+    )
+    measured: tuple[float, ...] = param(
+        (), "", "values of the file's flag (chc, flags, vector type) that say measured; default: the program's own"
     )
     up: str = param(
         "file",
@@ -407,6 +440,7 @@ class CraterImage(Scaled):
     axis_column: float | None = param(
         None, "px", "column of the crater's axis; default: found by symmetry", lo=0, hi=1e5
     )
+    axes: str = _axes()
     saturation: float | None = param(
         None, "grey", "level from which pixels are clipped; default: the type's largest", lo=0, hi=65536, open_lo=True
     )

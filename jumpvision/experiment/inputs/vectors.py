@@ -1,4 +1,4 @@
-"""Velocity fields that other programs computed: pivpy (.nc), OpenPIV (.txt) and PIVlab (.txt, .mat), as they stand.
+"""Velocity fields that other programs computed, as they stand: pivpy (.nc), PIVlab (.mat) and text (`vector_text`).
 
 Nothing is converted here: numbers keep the file's units and axes, and what a file does not say is None.
 """
@@ -6,10 +6,9 @@ Nothing is converted here: numbers keep the file's units and axes, and what a fi
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,55 +16,47 @@ from numpy.typing import NDArray
 from jumpvision.base.arrays import AnyArray, Array
 from jumpvision.base.schema import InputError
 
-FORMATS = "pivpy .nc, OpenPIV .txt, PIVlab .txt or .mat"
-FOOT = ("foot_y", "foot_y_sigma", "foot_v", "foot_v_sigma")
+from .vector_field import FOOT, FORMATS, Vectors
+from .vector_text import GOOD_PIVLAB, stacked
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+TEXT = (".txt", ".vec")
 
 
-@dataclass(frozen=True)
-class Vectors:
-    """x (nx,), y (ny,) in `length` units, u, v in `speed` units and valid: shape (ny, nx, nt), rows along y.
-
-    up: "+y" where y and v count upwards, "-y" downwards. mirrored: x counts to the left. time [s]: mid-time of each
-    field. window: side of the matched window over the distance of the vectors. u_sigma, v_sigma: standard
-    uncertainties, in `speed` units. foot: FOOT over the fields, in SI and y up. None, or {}: the file does not say.
-    """
-
-    x: Array
-    y: Array
-    u: Array
-    v: Array
-    valid: NDArray[np.bool_]
-    length: str | None
-    speed: str | None
-    up: str | None
-    mirrored: bool = False
-    time: Array | None = None
-    window: float | None = None
-    u_sigma: Array | None = None
-    v_sigma: Array | None = None
-    foot: Mapping[str, Array] = field(default_factory=dict)
-
-
-def read_vectors(path: Path) -> Vectors:
+def read_vectors(path: Path, measured: Collection[float] = ()) -> Vectors:
     """The field of one file, or the fields of the numbered text files of a folder or pattern, in order of number.
 
+    measured: values of the file's flag (chc, flags, vector type) that say measured; else those of the program that
+    wrote it: 0 of OpenPIV, 1 of PIVlab (2: replaced) and Insight, 1 to 4 of DaVis (5: interpolated).
     Raises InputError naming file, what is wrong with it and the remedy.
     """
+    found = _read(path, measured)
+    if not found.valid.any():
+        raise InputError(
+            [f"{path}: no vector is measured by its flags; if they mean something else, give measured = [1] or [0]"]
+        )
+    return found
+
+
+def _read(path: Path, measured: Collection[float]) -> Vectors:
     if any(c in path.name for c in "*?["):
         files = sorted(path.parent.glob(path.name), key=_by_number)
     else:
-        files = sorted(path.glob("*.txt"), key=_by_number) if path.is_dir() else [path]
+        within = [f for f in path.iterdir() if f.suffix.lower() in TEXT] if path.is_dir() else [path]
+        files = sorted(within, key=_by_number)
     if not files:
-        raise InputError([f"{path}: no .txt files in this folder; name the field: {FORMATS}"])
+        raise InputError([f"{path}: no .txt or .vec files in this folder; name the field: {FORMATS}"])
     suffixes = {f.suffix.lower() for f in files}
-    if suffixes == {".txt"}:
-        return _stacked(files)
+    if len(suffixes) == 1 and suffixes <= {*TEXT}:
+        return stacked(files, measured)
     if len(files) > 1:
-        raise InputError([f"{path}: {len(files)} files; only .txt has one file a field. Give one .nc or .mat"])
+        raise InputError([f"{path}: {len(files)} files; one file a field only of .txt or .vec; give one .nc or .mat"])
     reader = {".nc": _netcdf, ".mat": _matlab}.get(files[0].suffix.lower())
     if reader is None:
         raise InputError([f"{files[0]}: '{files[0].suffix}' is no known vector file; allowed: {FORMATS}"])
-    return reader(files[0])
+    return reader(files[0], measured)
 
 
 def _by_number(file: Path) -> tuple[list[Any], str]:
@@ -74,94 +65,7 @@ def _by_number(file: Path) -> tuple[list[Any], str]:
     return [int(p) if i % 2 else p for i, p in enumerate(parts)], file.name
 
 
-def _stacked(files: list[Path]) -> Vectors:
-    fields = [_text(f) for f in files]
-    first = fields[0]
-    for file, f in zip(files, fields):
-        if (
-            f.x.shape != first.x.shape
-            or f.y.shape != first.y.shape
-            or not (np.allclose(f.x, first.x) and np.allclose(f.y, first.y))
-        ):
-            raise InputError([f"{file}: its grid is not that of {files[0].name}; all fields of a film need one grid"])
-        if (f.length, f.speed) != (first.length, first.speed):
-            raise InputError(
-                [f"{file}: units [{f.length}], [{f.speed}], but [{first.length}], [{first.speed}] in {files[0].name}"]
-            )
-    u, v, valid = (np.concatenate([getattr(f, k) for f in fields], axis=-1) for k in ("u", "v", "valid"))
-    return Vectors(first.x, first.y, u, v, valid, first.length, first.speed, first.up)
-
-
-LABEL = re.compile(r"([A-Za-z][A-Za-z ]*?)\s*\[([^\]]*)\]")  # PIVlab: x [px],y [px],u [px/frame],...
-
-
-def _text(file: Path) -> Vectors:
-    """One field as text: PIVlab where the header has units in brackets, else OpenPIV's columns x y u v flags mask."""
-    try:
-        lines = file.read_text(encoding="utf-8-sig").splitlines()
-    except UnicodeDecodeError as e:
-        raise InputError([f"{file}: not text (byte {e.start}); allowed: {FORMATS}"]) from None
-    begin = next((i for i, line in enumerate(lines) if _numbers(line) is not None), len(lines))
-    labels = next((LABEL.findall(line) for line in reversed(lines[:begin]) if len(LABEL.findall(line)) >= 4), [])
-    rows: list[list[float]] = []
-    for i, line in enumerate(lines[begin:], begin + 1):
-        if line.strip():
-            values = _numbers(line)
-            if values is None or len(values) != (len(rows[0]) if rows else len(values)) or len(values) < 4:
-                raise InputError(
-                    [f"{file}: line {i}: '{line[:60]}': must hold the same numbers as the lines above (x y u v ...)"]
-                )
-            rows.append(values)
-    if not rows:
-        raise InputError([f"{file}: no rows of numbers; expected x y u v [flags mask] (OpenPIV) or a PIVlab table"])
-    table = np.array(rows)
-    x, y, planes = _grid(file, table)
-    u, v = planes[..., 2], planes[..., 3]
-    if labels:
-        names = [name.strip().lower() for name, _ in labels]
-        known = "vector type" in names[: table.shape[1]]
-        valid = planes[..., names.index("vector type")] == 1 if known else np.ones(u.shape, bool)
-        if names[:4] != ["x", "y", "u", "v"]:
-            raise InputError([f"{file}: columns {', '.join(names[:4])}; the first four must be x, y, u, v"])
-        length, speed, up = labels[0][1], labels[2][1], None
-    else:
-        flags = planes[..., 4:6]
-        if flags.shape[-1] == 1 and not np.isin(flags, (0.0, 1.0, 2.0)).all():
-            flags = flags[..., :0]  # OpenPIV before 0.23 may write the signal to noise ratio there: no verdict
-        valid, length, speed = (flags == 0.0).all(axis=-1), None, None
-        # transform_coordinates turns y and v upwards and leaves the picture's top row first
-        up = "+y" if table[0, 1] > table[-1, 1] else "-y"
-    ok = valid & np.isfinite(u) & np.isfinite(v)
-    return Vectors(x, y, u[..., None], v[..., None], ok[..., None], length, speed, up)
-
-
-def _numbers(line: str) -> list[float] | None:
-    try:
-        values = [float(p) for p in re.split(r"[,;\s]+", line.strip()) if p]
-    except ValueError:
-        return None
-    return values or None
-
-
-def _grid(file: Path, table: Array) -> tuple[Array, Array, Array]:
-    """x, y and the columns as (ny, nx, columns); rows from the first y of the file on, whichever runs faster."""
-    x, y = np.unique(table[:, 0]), np.unique(table[:, 1])
-    if x.size < 2 or y.size < 2 or x.size * y.size != len(table) or not np.isfinite(table[:, :2]).all():
-        raise InputError(
-            [
-                f"{file}: {len(table)} rows, {x.size} different x, {y.size} different y: must be a whole grid, one row "
-                "a vector; export all vectors, missing ones as NaN, and coordinates with enough digits"
-            ]
-        )
-    if table[0, 1] > table[-1, 1]:
-        y = y[::-1]
-    row = np.searchsorted(y if y[0] < y[-1] else -y, table[:, 1] if y[0] < y[-1] else -table[:, 1])
-    out = np.full((y.size, x.size, table.shape[1]), np.nan)
-    out[row, np.searchsorted(x, table[:, 0])] = table
-    return x, y, out
-
-
-def _netcdf(file: Path) -> Vectors:
+def _netcdf(file: Path, measured: Collection[float]) -> Vectors:
     """pivpy schema 1, of which piv.nc is one; older files may have other orders of the dimensions."""
     import xarray as xr
 
@@ -179,7 +83,7 @@ def _netcdf(file: Path) -> Vectors:
     u, v = data.u.values.astype(float), data.v.values.astype(float)
     valid = np.isfinite(u) & np.isfinite(v)
     if "chc" in data:
-        valid &= data.chc.values > 0
+        valid &= _measured(file, data, measured)
     y = data.y.values.astype(float)
     says_up = data.y.attrs.get("long_name") == "up" or (y.size > 1 and y[0] > y[-1])
     seconds = data.t.attrs.get("units") in ("s", "sec", "seconds") if "t" in data.coords else False
@@ -202,7 +106,34 @@ def _netcdf(file: Path) -> Vectors:
     )
 
 
-def _matlab(file: Path) -> Vectors:
+def _measured(file: Path, data: xr.Dataset, measured: Collection[float]) -> NDArray[np.bool_]:
+    """Which vectors were measured, (y, x, t), by chc: pivpy's schema says 1, but its readers hand on what the program
+    wrote, and put zeros for vectors that are missing in text."""
+    chc = data.chc.values
+    if measured:
+        return np.isin(chc, list(measured))
+    if "reason" in data:  # our own
+        return chc > 0
+    born = {Path(str(f)).suffix.lower() for f in np.atleast_1d(data.attrs.get("files", []))}
+    if not {*np.unique(chc[np.isfinite(chc)])} <= {0.0, 1.0}:
+        peaks = not born & {".mat", *TEXT}  # DaVis: number of the correlation's peak
+        return (chc >= 1.0) & (chc <= 4.0) if peaks else chc == 1.0
+    if ".txt" not in born:
+        return chc == 1.0
+    moves = (np.nan_to_num(data.u.values) != 0.0) | (np.nan_to_num(data.v.values) != 0.0)
+    if not moves[chc == 0.0].any():
+        return moves & (chc == 1.0)
+    if moves[chc == 1.0].any():
+        raise InputError(
+            [
+                f"{file}: chc is 0 and 1, both of vectors that move, read from OpenPIV, whose flags are 0 where good: "
+                "give measured = [0], or [1] if it is pivpy's own"
+            ]
+        )
+    return moves & (chc == 0.0)
+
+
+def _matlab(file: Path, measured: Collection[float]) -> Vectors:
     """PIVlab's export of its results; cells hold one field each. typevector: 0 masked, 1 measured, 2 replaced."""
     from scipy.io import loadmat
 
@@ -238,7 +169,7 @@ def _matlab(file: Path) -> Vectors:
         ys[there[0]][:, 0].astype(float),
         u,
         v,
-        (kinds == 1) & np.isfinite(u) & np.isfinite(v),
+        np.isin(kinds, list(measured or GOOD_PIVLAB)) & np.isfinite(u) & np.isfinite(v),
         length,
         speed,
         None if calv is None else "+y" if calv < 0.0 else "-y",  # PIVlab turns an axis by the sign of its factor

@@ -20,7 +20,7 @@ MARKS = (re.compile(r"(?<![a-z])[ab](?![a-z])"), re.compile(r"(?<![0-9])[12](?![
 def in_pairs(section: GrainVideo) -> InPairs:
     """The film of double exposures that a section names; its frame_rate is that of the pairs."""
     rate = 2.0 * section.frame_rate if section.frame_rate else None
-    return InPairs(open_frames(section.path, frame_rate=rate, start=section.start), section)
+    return InPairs(open_frames(section.path, frame_rate=rate, start=section.start, axes=section.axes), section)
 
 
 class InPairs(Film):

@@ -292,8 +292,13 @@ def _places(e: Experiment, found: Found) -> Iterator[str]:
         said: list[tuple[str, float, float]] = []
         for k, mark in enumerate(calibration.marks, 1):
             said.append((f"[calibration] marks: mark {k}", mark[0], mark[1]))
-        if calibration.centre:
-            said.append(("[calibration] centre", calibration.centre[0], calibration.centre[1]))
+        if doubt := calibration.centred(name, film.shape):
+            yield doubt
+        if (moved := _by_lens(calibration, film.shape)) > 0.2:  # of a corner's distance: no lens bends so far
+            yield (
+                f"[calibration] the lens would move a corner of [{name}] by {moved:.0%} of its distance from centre = "
+                f"{list(calibration.centre)}: check centre (column, row), k1 and k2"
+            )
         for key in ("foot_row", "floor_row"):
             if (row := getattr(section, key, None)) is not None:
                 said.append((f"[{name}] {key}", 0.0, row))
@@ -301,10 +306,25 @@ def _places(e: Experiment, found: Found) -> Iterator[str]:
             said.append((f"[{name}] axis_column", column, 0.0))
         for what, x, y in said:
             if not (-1.0 <= x <= columns and -1.0 <= y <= rows):
+                turned = -1.0 <= x <= rows and -1.0 <= y <= columns and section.path.suffix.lower() in (".h5", ".hdf5")
+                if turned and not section.axes:
+                    found.problems.append(
+                        f"{section.path}: {what} = {x:g}, {y:g} (column, row) lies outside [{name}] of {columns} x "
+                        f'{rows} px: give axes = "frame,column,row" (MATLAB\'s h5write), or mend it'
+                    )
+                    continue
                 yield (
                     f"{what} = {x:g}, {y:g} (column, row) lies outside [{name}] of {columns} x {rows} px: "
                     "of another camera, or column and row exchanged?"
                 )
+
+
+def _by_lens(calibration: Calibration, shape: tuple[int, int]) -> float:
+    """Greatest share by which the lens moves a corner of a picture (rows, columns)."""
+    column, row = calibration.centre or ((shape[1] - 1) / 2, (shape[0] - 1) / 2)
+    x, y = np.array([0, shape[1] - 1]) - column, np.array([[0], [shape[0] - 1]]) - row
+    r2 = x**2 + y**2
+    return float(np.abs(calibration.k1 * r2 + calibration.k2 * r2**2).max())
 
 
 def _names(e: Experiment) -> Iterator[str]:

@@ -46,7 +46,8 @@ def open_film(section: RodVideo | GrainVideo, seen: Callable[[Image], None] | No
     else:
         halved = isinstance(section, RodVideo) and section.fields != "together"
         watch = None if halved else seen
-        film = open_frames(section.path, frame_rate=section.frame_rate, start=section.start, seen=watch)
+        rate, start = section.frame_rate, section.start
+        film = open_frames(section.path, frame_rate=rate, start=start, seen=watch, axes=section.axes)
         if section.clock == "declared":
             film = timed_as_declared(film, section)
         if isinstance(section, RodVideo) and halved:
@@ -57,9 +58,29 @@ def open_film(section: RodVideo | GrainVideo, seen: Callable[[Image], None] | No
             f"{'; '.join(film.warnings)}: copy the film from the camera again, or give "
             f'[{section.name}] truncated = "accept" to use the {len(film)} whole frames'
         )
+    _refuse_outside(film, section)
     for text in film.warnings:
         warnings.warn(text, StageWarning, stacklevel=3)
     return film
+
+
+def _refuse_outside(film: Film, section: Filmed) -> None:
+    """Rows and columns of a section that an HDF5 film has not: its axes are the other way round, unless they are
+    declared."""
+    if film.meta.get("format") != "hdf5" or section.axes:
+        return
+    rows, columns = film.shape
+    sizes = {"floor_row": rows, "foot_row": rows, "axis_column": columns}
+    given = [(k, getattr(section, k, None), n) for k, n in sizes.items()]
+    left, top, right, bottom = getattr(section, "roi", ()) or (0, 0, 0, 0)
+    given += [("roi", max(left, right), columns), ("roi", max(top, bottom), rows)]
+    for key, value, size in given:
+        if value is not None and value > size:
+            film.close()
+            raise FrameError(
+                f"{section.path}: [{section.name}] {key} = {value:g}: outside its pictures of {rows} rows x {columns} "
+                'columns as the data set is read; give axes = "frame,column,row" (MATLAB\'s h5write), or mend it'
+            )
 
 
 def timed_as_declared(film: Film, section: RodVideo | GrainVideo) -> Film:
@@ -72,7 +93,7 @@ def timed_as_declared(film: Film, section: RodVideo | GrainVideo) -> Film:
     if film.time_source == "declared" or len(film) < 2:
         return film
     film.close()
-    film = open_frames(section.path, start=section.start)  # without a rate to disagree with
+    film = open_frames(section.path, start=section.start, axes=section.axes)  # without a rate to disagree with
     film.time = film.time[0] + slots(film.time - film.time[0], rate) / rate
     return film
 
@@ -174,7 +195,8 @@ def straight_grains(film: Film, section: GrainVideo, calibration: Calibration | 
 
 def open_pictures(section: BedImage | CraterImage) -> Film:
     """One picture or a series of them, on their own clock (frame_rate, else one a second)."""
-    film = open_frames(section.path, frame_rate=getattr(section, "frame_rate", None) or 1.0)
+    film = open_frames(section.path, frame_rate=getattr(section, "frame_rate", None) or 1.0, axes=section.axes)
+    _refuse_outside(film, section)
     for text in film.warnings if len(film) > 1 else ():
         warnings.warn(text, StageWarning, stacklevel=3)
     return film
@@ -191,6 +213,8 @@ def in_pixels(film: RodVideo, calibration: Calibration | None) -> bool:
 def view_of(calibration: Calibration | None, section: Filmed, shape: tuple[int, int]) -> Camera:
     """The camera; the distortion centre defaults to the image centre, the rail's tilt is that of the rod film alone."""
     view = bare_view(calibration, section, ((shape[1] - 1) / 2, (shape[0] - 1) / 2))
+    if calibration and (doubt := calibration.centred(section.name, shape)):
+        warnings.warn(doubt, StageWarning, stacklevel=3)
     if view.residual_px > 2.0:  # px rms: beyond, a wrong mark is more likely than a careless click
         warnings.warn(
             f"[calibration] marks miss their places in [{section.name}] by {view.residual_px:.1f} px rms: check them",

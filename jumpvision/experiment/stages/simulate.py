@@ -35,7 +35,7 @@ TICK = 1e-3  # s, spacing of the output where no track gives the times
 AROUND = np.linspace(-1.0, 10.0, 12)  # s, of a recording, where a clock's error is looked for
 
 
-@stage(version=9, any_of=("log", "law"))
+@stage(version=10, any_of=("log", "law"))
 def simulate(
     experiment: Experiment,
     robot: Robot,

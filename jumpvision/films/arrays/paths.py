@@ -13,7 +13,7 @@ import xarray as xr
 from jumpvision.base.arrays import Array
 from jumpvision.base.attributes import attributes_of
 from jumpvision.base.parameters import of_keywords
-from jumpvision.base.schema import NotApplicable
+from jumpvision.base.schema import InputError, NotApplicable
 from jumpvision.films.grains.dataset import as_matched
 from jumpvision.films.grains.grid import VectorGrid
 from jumpvision.films.grains.paths import NO_FOOT, REASONS, Carried, Grid, Step, carried
@@ -50,7 +50,7 @@ def through(
     if min(data.sizes["x"], data.sizes["y"]) < 4:
         raise NotApplicable([f"paths: {data.sizes['x']} x {data.sizes['y']} vectors; a cubic spline needs 4 each way"])
     wide = half_width_px * length if half_width_px else math.inf
-    x, y = starts(plane(data, spans[0].field), places, p.spacing * length)
+    x, y = starts(plane(data, spans[0].field), places, p.spacing * length, p.most)
     found = carried(places, steps_of(data, spans, wide), x, y)
     return table(found, np.array([spans[0].begin, *(s.end for s in spans)]))
 
@@ -92,13 +92,20 @@ def chain(spans: Sequence[Span], start: int) -> list[Span]:
     return out
 
 
-def starts(field: xr.Dataset, places: Grid, apart: float) -> tuple[Array, Array]:
+def starts(field: xr.Dataset, places: Grid, apart: float, most: int) -> tuple[Array, Array]:
     """x, y (n,) of a square grid in the middle of the vectors, where the nearest of the field is measured."""
     many = [max(1, math.ceil(np.ptp(g) / apart)) for g in places[:2]]  # none on the outermost vectors
-    x, y = (0.5 * (g[0] + g[-1]) + apart * (np.arange(m) - 0.5 * (m - 1)) for g, m in zip(places[:2], many))
-    x, y = (a.ravel() for a in np.meshgrid(x, y))
-    near = [np.abs(g[:, None] - a).argmin(axis=0) for g, a in zip(places[:2], (x, y))]
-    good = field.chc.values[near[1], near[0]] > 0
+    if math.prod(many) > most:
+        raise InputError(
+            [
+                f"[params.paths] spacing: {many[0]} x {many[1]} points, more than most = {most}: give a wider spacing, "
+                "or a greater most (a path takes some 100 bytes a frame)"
+            ]
+        )
+    lines = [0.5 * (g[0] + g[-1]) + apart * (np.arange(m) - 0.5 * (m - 1)) for g, m in zip(places[:2], many)]
+    near = np.meshgrid(*(np.abs(g[:, None] - a).argmin(axis=0) for g, a in zip(places[:2], lines)))
+    x, y = (a.ravel() for a in np.meshgrid(*lines))
+    good = field.chc.values[near[1].ravel(), near[0].ravel()] > 0
     if not good.any():
         raise NotApplicable(
             ["paths: nothing is measured where they would start: change [params.paths] spacing or start"]

@@ -78,13 +78,20 @@ def npy_header(path: Path, file: BinaryIO) -> tuple[tuple[int, ...], bool, np.dt
     return shape, fortran, dtype
 
 
+AXES = ("frame,row,column", "frame,column,row")
+
+
 class Hdf5Film(Film):
     """A film in an HDF5 file: its only data set of (frame, y, x[, channel]), or its only (y, x) image.
 
-    Of a MATLAB file (saved with -v7.3) the array of (y, x, frame) is read as such.
+    Of a MATLAB file (saved with -v7.3) the array of (y, x, frame) is read as such; its h5write turns them over unsaid,
+    which `axes = "frame,column,row"` turns back.
     """
 
-    def __init__(self, path: Path, *, frame_rate: float | None, start: float) -> None:
+    counts_axes = True
+
+    def __init__(self, path: Path, *, frame_rate: float | None, start: float, axes: str = "") -> None:
+        self._axes = axes
         try:
             import h5py
         except ImportError as error:
@@ -120,9 +127,10 @@ class Hdf5Film(Film):
                 "save it in one file (h5repack, or np.asarray and create_dataset)"
             )
         # MATLAB counts axes from the fastest: its (y, x, frame) stands as (frame, x, y) in the file
-        self._matlab = "MATLAB_class" in self._data.attrs
+        matlab = "MATLAB_class" in self._data.attrs
+        self._turned = self._axes == AXES[1] if self._axes else matlab
         n, frame = stack_shape(path, self._data.shape, self._data.name)
-        if self._matlab:
+        if self._turned:
             frame = (frame[1], frame[0], *frame[2:])
         kind = native_type(self._data.dtype, path)
         # a data set that claims to be so much larger than its bytes in the file is damaged
@@ -133,20 +141,29 @@ class Hdf5Film(Film):
             shape=(frame[0], frame[1]),
             dtype=kind,
             clock=clock(path, n, start=start, frame_rate=frame_rate),
-            warnings=[],
+            warnings=[] if matlab or self._axes else [_counted(path, self._data.name, n, frame)],
             meta={"format": "hdf5", "bit_depth": 8 * kind.itemsize, "data_set": self._data.name},
         )
 
     def _read(self, i: int) -> Image:
         try:
             image = self._data[()] if self._data.ndim == 2 else self._data[i]
-            image = np.swapaxes(image, 0, 1) if self._matlab else image
+            image = np.swapaxes(image, 0, 1) if self._turned else image
         except (OSError, RuntimeError, ValueError) as error:
             raise FrameError(f"{self.path}: frame {i} cannot be read: {error}; copy the file again") from error
         return single_channel(image, self.path)
 
     def close(self) -> None:
         self._file.close()
+
+
+def _counted(path: Path, name: str, n: int, frame: tuple[int, ...]) -> str:
+    """How a data set that does not say so was read."""
+    what = f"{n} frames of {frame[0]} rows x {frame[1]} columns"
+    return (
+        f'{path}: {name} is read as {what}. Do its pictures lie on their side (MATLAB\'s h5write)? axes = "{AXES[1]}" '
+        f'turns them; axes = "{AXES[0]}" says that this is right'
+    )
 
 
 def elsewhere(data: h5py.Dataset, file: h5py.File) -> str:

@@ -67,6 +67,7 @@ class Film(ABC):
     """
 
     decodes_on_opening = False  # and takes `seen`
+    counts_axes = False  # takes `axes`
     shown = False  # whether `open_frames(seen=...)` was given all frames of this film
 
     def __init__(

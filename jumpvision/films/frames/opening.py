@@ -7,6 +7,7 @@ import math
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from jumpvision.base.arrays import Image
 from jumpvision.base.storage import irregular
@@ -33,14 +34,15 @@ def open_frames(
     start: float = 0.0,
     pattern_root: str | os.PathLike[str] | None = None,
     seen: Callable[[Image], None] | None = None,
+    axes: str = "",
 ) -> Film:
     """The film at `path`: a film file, a folder of images, a glob pattern of images or a single image.
 
     frame_rate: declared frames per second [Hz]; used where the file has no time stamps of its own, else compared with
     them. start: common clock [s] at the start of the first exposure. pattern_root: folder that a relative path or
     pattern starts from (default: the working folder). seen: called with every frame, in order, where opening the film
-    means to decode it anyway; the film's `shown` then says whether these were exactly its frames. Raises FrameError
-    when the film cannot be read at all.
+    means to decode it anyway; the film's `shown` then says whether these were exactly its frames. axes: how the data
+    set of an HDF5 film counts, one of AXES. Raises FrameError when the film cannot be read at all.
     """
     if frame_rate is not None and not (math.isfinite(frame_rate) and frame_rate > 0):
         raise FrameError(f"{path}: frame_rate = {frame_rate!r}; must be > 0 Hz")
@@ -60,6 +62,9 @@ def open_frames(
         raise FrameError(f"{full}: the file is empty (0 bytes); copy it from the camera again")
     module, name = READERS[full.suffix.lower()]
     reader = getattr(importlib.import_module(f"{__package__}.{module}"), name)
-    watched = {"seen": seen} if seen is not None and reader.decodes_on_opening else {}
-    film: Film = reader(full, frame_rate=frame_rate, start=start, **watched)
+    if axes and not reader.counts_axes:
+        raise FrameError(f"{full}: axes = '{axes}': only of an HDF5 film; leave it out")
+    asked: dict[str, Any] = {"seen": seen} if seen is not None and reader.decodes_on_opening else {}
+    asked |= {"axes": axes} if axes else {}
+    film: Film = reader(full, frame_rate=frame_rate, start=start, **asked)
     return film

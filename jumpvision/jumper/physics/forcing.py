@@ -66,8 +66,8 @@ class Spline:
 Forcing = Segments | Spline
 
 
-# a multiplication and an addition may be rounded once; x / 0 is inf, untested
-KERNEL: dict[str, Any] = {"cache": True, "fastmath": {"contract"}, "error_model": "numpy"}
+# x / 0 is inf, untested; no fastmath, for the reason in `base.compiling`
+KERNEL: dict[str, Any] = {"cache": True, "error_model": "numpy"}
 INLINE: dict[str, Any] = {**KERNEL, "forceinline": True}
 
 

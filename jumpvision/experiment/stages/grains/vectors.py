@@ -11,7 +11,8 @@ from jumpvision import __version__
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
 from jumpvision.experiment.inputs.sections import PivField, Robot
-from jumpvision.experiment.inputs.vectors import FOOT, Vectors, read_vectors
+from jumpvision.experiment.inputs.vector_field import FOOT, Vectors
+from jumpvision.experiment.inputs.vectors import read_vectors
 from jumpvision.experiment.results.fields import Piv
 from jumpvision.experiment.workflow.stage import StageWarning
 from jumpvision.films.grains.column import follow_plug, scatter_sigma
@@ -30,7 +31,7 @@ FLAGS = {"flag_values": np.array([VALID, INTERPOLATED], np.int8), "flag_meanings
 
 def foreign_field(section: PivField, robot: Robot | None) -> Piv:
     """SI where the file's units or `scale` allow it, else px; y up, from the foot's face on its axis where given."""
-    raw = read_vectors(section.path)
+    raw = read_vectors(section.path, section.measured)
     length, metric = length_of(section, raw)
     velocity = speed_of(section, raw, length, metric)
     sign = -1.0 if upwards(section, raw) == "-y" else 1.0
@@ -156,6 +157,12 @@ def speed_of(section: PivField, raw: Vectors, pixel: float, metric: bool) -> flo
     metres = pixel if in_pixels else METRES[length]
     if per == "s":
         return metres
+    if raw.pair and section.frame_rate and abs(raw.pair * section.frame_rate / section.gap - 1.0) > 0.01:
+        raise _problem(
+            section,
+            f"frame_rate = {section.frame_rate:g}: the images of a pair are {raw.pair:g} s apart by the file, "
+            f"{section.gap / section.frame_rate:g} s by frame_rate and gap; mend one of them",
+        )
     if section.frame_rate is None:
         raise _problem(section, f"frame_rate: missing; u is in {unit} a pair of images; give frame_rate = ... (1/s)")
     return metres * section.frame_rate / section.gap  # all three programs give what moves from image to image of a pair
@@ -167,13 +174,11 @@ def upwards(section: PivField, raw: Vectors) -> str:
         return section.up
     if raw.up is not None:
         return raw.up
-    if section.path.suffix.lower() == ".nc":
-        raise _problem(
-            section,
-            'up: y grows along the rows and the file does not say where it is up; give up = "+y" '
-            '(y and v upwards) or "-y" (as rows of a picture)',
-        )
-    return "-y"
+    raise _problem(
+        section,
+        'up: y grows along the rows and the file does not say where it is up; give up = "+y" '
+        '(y and v upwards) or "-y" (as rows of a picture)',
+    )
 
 
 def times(section: PivField, raw: Vectors) -> tuple[Array, float]:
