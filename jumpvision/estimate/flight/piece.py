@@ -66,19 +66,28 @@ class Piece:
         return t, y
 
 
+FLAT = 1e-14  # of the greatest eigenvalue: of numbers that samples do not tell
 LEAST = 1e-4  # of the weight of a sample that cannot be told from its neighbour's noise
 
 
 @dataclass(frozen=True)
 class Line:
-    """A polynomial of degree < len(p) in t - origin, with bend (t - origin)^2 beside it; cov (k, k) of p."""
+    """A polynomial of degree < len(p) in t - origin, with bend (t - origin)^2 beside it.
+
+    root (k, m): of the covariance of p, root root^T; its columns are of independent sources of unit variance.
+    """
 
     p: Array
-    cov: Array
-    origin: float
     bend: float
+    origin: float
     chi2: float
     n: int
+    root: Array
+
+    @property
+    def cov(self) -> Array:
+        """(k, k) of p."""
+        return np.asarray(self.root @ self.root.T)
 
     def at(self, t: float) -> float:
         tau = t - self.origin
@@ -87,6 +96,11 @@ class Line:
     def slope(self, t: float) -> float:
         tau = t - self.origin
         return float(sum(k * c * tau ** (k - 1) for k, c in enumerate(self.p) if k)) + 2.0 * self.bend * tau
+
+    def values(self, t: Array) -> Array:
+        """Heights (n,) at t (n,)."""
+        tau = t - self.origin
+        return np.asarray(np.polyval(self.p[::-1], tau) + self.bend * tau * tau)
 
     def slopes(self, t: Array) -> Array:
         """slope at (n,)."""
@@ -104,22 +118,26 @@ class Line:
         return np.asarray((t - self.origin) ** np.arange(self.p.size))
 
 
-def polynomial(piece: Piece, numbers: int, bend: float = 0.0, sigma: float = 0.0) -> Line:
-    """Weighted polynomial of `numbers` coefficients through a piece, a bend [m/s^2] beside them; where sigma > 0 the
-    third coefficient is what there is beside that bend, known to sigma."""
+def polynomial(piece: Piece, numbers: int, bend: float = 0.0) -> Line:
+    """Weighted polynomial of `numbers` coefficients through a piece, a bend [m/s^2] beside them."""
     origin = float(piece.t[piece.t.size // 2])
     tau = piece.t - origin
     span = max(float(np.abs(tau).max()), 1e-300)
     size = span ** np.arange(numbers)
     a = piece.white(tau[:, None] ** np.arange(numbers) / size)
     b = piece.white(piece.y - bend * tau * tau)
-    square = a.T @ a
-    if sigma > 0.0:
-        square[2, 2] += (sigma * size[2]) ** -2.0
-    cov = np.linalg.pinv(square)
-    p = cov @ (a.T @ b)
+    weight, axes = np.linalg.eigh(a.T @ a)
+    root = axes / np.sqrt(np.where(weight > FLAT * weight[-1], weight, np.inf))
+    p = root @ (root.T @ (a.T @ b))
     chi2 = float(np.sum((b - a @ p) ** 2))
-    return Line(p / size, cov / np.outer(size, size), origin, bend, chi2, piece.t.size)
+    return Line(p / size, bend, origin, chi2, piece.t.size, root / size[:, None])
+
+
+def root_of(cov: Array) -> Array:
+    """root (k, k), root root^T = cov (k, k)."""
+    scale = np.sqrt(np.maximum(np.diag(cov), 1e-300))
+    weight, axes = np.linalg.eigh(cov / np.outer(scale, scale))
+    return np.asarray(scale[:, None] * axes * np.sqrt(np.maximum(weight, 0.0)))
 
 
 def crossing(a: Line, b: Line, near: float) -> float | None:

@@ -12,7 +12,7 @@ from jumpvision.base.arrays import Array
 
 from ..estimate import least_squares_fit, scatter_factor
 from .beyond import Beyond, Drive, Ring
-from .piece import Line, Piece
+from .piece import Line, Piece, root_of
 
 STIFFNESS = (20.0, 30.0, 45.0, 65.0, 100.0, 150.0, 250.0, 400.0, 700.0, 1200.0)  # rad/s, where a fit starts
 KNOWN = {-1: 0.1, 1: 0.3}  # sigma of log w of a spring that is told, at a lift-off; at a landing sand softens it
@@ -67,7 +67,8 @@ class Sprung:
     @property
     def line(self) -> Line:
         """The flight's parabola."""
-        return Line(self.p[:2], self.cov[:2, :2], self.origin, -0.5 * self.curvature[0], self.chi2, self.n)
+        root = root_of(self.cov[:2, :2])
+        return Line(self.p[:2], -0.5 * self.curvature[0], self.origin, self.chi2, self.n, root)
 
     @property
     def good(self) -> bool:

@@ -17,7 +17,7 @@ from ..mean import difference_noise
 from .beyond import Drive, Ring
 from .edges import Flight, flight
 from .flights import NAN, Doubt, Flights
-from .ground import ground
+from .ground import MOST, ground
 from .motion import POWER, Motion, curvature, motion
 from .noise import with_noise
 from .piece import Piece
@@ -178,7 +178,7 @@ def flights_in(piece: Piece, how: Settings) -> tuple[Motion, list[Flight]]:
     if piece.t.size < FEWEST:
         return Motion(piece, [], [], {}), []
     m = motion(piece, how.gravity)
-    under = ground(m)
+    under = ground(m, how.gravity)
     flying = [flight(m, k, how, under) for k, part in enumerate(m.parts) if part.kind == FLIGHT]
     return m, [f for f in flying if flies(m.piece, f, how) and duration(m.piece, f) >= how.shortest]
 
@@ -202,17 +202,15 @@ def duration(piece: Piece, f: Flight) -> float:
 def collected(found: list[tuple[Motion, Flight]]) -> Flights:
     """As arrays."""
     n = len(found)
-    table, covariance, shared = np.full((n, 4), NAN), np.zeros(n), np.zeros((n, 2))
+    table, covariance, shared = np.full((n, 4), NAN), np.zeros(n), np.zeros((n, min(MOST, max(n - 1, 0))))
     for a, (whole, f) in enumerate(found):
         for k, e in enumerate(f.edges):
             if e is not None:
                 table[a, 2 * k : 2 * k + 2] = e.time, math.sqrt(e.variance)
         covariance[a] = f.covariance(0, f, 1)
-        for lag in (1, 2):
+        for lag in range(1, shared.shape[1] + 1):
             if a + lag < n and found[a + lag][0] is whole:
-                other = found[a + lag][1]
-                signs = {(0, 0): 1.0, (0, 1): -1.0, (1, 0): -1.0, (1, 1): 1.0}
-                shared[a, lag - 1] = sum(s * f.covariance(i, other, j) for (i, j), s in signs.items())
+                shared[a, lag - 1] = f.times_together(found[a + lag][1])
     bends = np.array([f.curvature for _, f in found]).reshape(-1, 2)
     kinds = tuple((_kind(f, 0), _kind(f, 1)) for _, f in found)
     up, up_sigma, down, down_sigma = table.T.copy()
