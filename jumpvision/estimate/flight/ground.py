@@ -14,8 +14,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from jumpvision.base.arrays import Array
-
 from .motion import POWER, Motion, Part
 from .piece import Line, Piece, crossing, moves, polynomial
 from .segments import FLIGHT, NUMBERS, REST
@@ -159,7 +157,7 @@ def together(
 
 
 def _depth(v: float, u: float, lasts: float, gravity: float) -> float:
-    """Of the crossing below the ground [m] for each second of a contact of `lasts` seconds: speeds v down, u up there."""
+    """Of a crossing below the ground for each second of a contact of `lasts` seconds [m/s]: speeds v down, u up."""
     down = (u - 0.5 * gravity * lasts) / (v + u - gravity * lasts)
     return v * down - 0.5 * gravity * lasts * down * down
 

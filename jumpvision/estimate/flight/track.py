@@ -211,6 +211,8 @@ def collected(found: list[tuple[Motion, Flight]]) -> Flights:
         for lag in range(1, shared.shape[1] + 1):
             if a + lag < n and found[a + lag][0] is whole:
                 shared[a, lag - 1] = f.times_together(found[a + lag][1])
+            if lag > 1 and not shared[a, lag - 1]:  # not of one train of bounces
+                break
     bends = np.array([f.curvature for _, f in found]).reshape(-1, 2)
     kinds = tuple((_kind(f, 0), _kind(f, 1)) for _, f in found)
     up, up_sigma, down, down_sigma = table.T.copy()
