@@ -97,6 +97,10 @@ def flight(motion: Motion, k: int, how: Settings, under: Ground) -> Flight:
             beside[side] = met
     gradual = tuple(side for side in sides if side not in beside)
     fit = sprung(piece, (part.i, part.j), reach, gradual, how) if gradual else None
+    if fit is not None and not fit.good and len(sides) == 1:  # a contact at the record's end that noise hid
+        hidden = sprung(piece, (part.i, part.j), reach, (-1, 1), how)
+        if hidden is not None and hidden.good:
+            fit, gradual = hidden, (-1, 1)
     swing = False
     if fit is not None:
         own = _own(motion, part.i, part.j, reach, gradual, how, fit)
@@ -105,12 +109,13 @@ def flight(motion: Motion, k: int, how: Settings, under: Ground) -> Flight:
             fit = sprung(piece, (part.i, part.j), reach, gradual, freely) or fit
         line = fit.line
         more = POWER**2 if how.fitted else 0.0
-        doubtful = len(gradual) == 2 or (how.fitted and len(gradual) == len(sides))
+        doubtful = len(gradual) == 2 or (how.fitted and not beside)
         swing = doubtful and _swings(quiet(motion.piece, how), part, reach, fit, more)
     if fit is not None:
         line, name = replace(line, root=root_of(fit.cov)), ("curve", k)
     swing = swing or not all(pushed_up(motion, k, side) for side in gradual if fit is None or not fit.good)
-    edges = [_edge(motion, k, s, name, line, beside, fit, gradual) if s in sides else None for s in (-1, 1)]
+    ends = (*beside, *gradual)
+    edges = [_edge(motion, k, s, name, line, beside, fit, gradual) if s in ends else None for s in (-1, 1)]
     return Flight(part.i, part.j, (edges[0], edges[1]), own, swing)
 
 
@@ -213,16 +218,19 @@ def _release(line: Line, met: Beside, name: Source) -> Edge:
 def corner(motion: Motion, k: int, side: int, reach: tuple[int, int], how: Settings) -> Beside | None:
     """What the flight k meets at an angle on one side; None where a spring explains the motion beside it as well."""
     piece, other = motion.piece, motion.parts[k + side]
-    at = motion.corners.get(k + min(side, 0))
+    at = None if how.slow(piece.step) else motion.corners.get(k + min(side, 0))
     if at is not None and other.kind == FLIGHT:
         return Beside(("curve", k + side), motion.lines[k + side], at, "impact")
     lo, hi = (reach[0], motion.parts[k].i) if side < 0 else (motion.parts[k].j, reach[1])
-    driven = how.drive is not None and hi - lo > 2 and how.drive.near(piece.t[lo:hi], 0.0) is not None
+    around = piece.t[max(lo - FEWEST, 0) : hi + FEWEST]
+    driven = how.drive is not None and how.drive.near(around, 0.0) is not None
     longer = len(other) > len(motion.parts[k])  # than any turn on a spring
     if at is not None and other.kind == REST and longer and not driven:
         return Beside(("curve", k + side), motion.lines[k + side], at, "rest")
     if side < 0 and other.kind == REST and not driven and (let := released(motion, k)) is not None:
         return let
+    if how.slow(piece.step):
+        return None
     kind = "rest" if other.kind == REST else "support"
     found = (
         Beside(("curve", k + side), motion.lines[k + side], at, kind)

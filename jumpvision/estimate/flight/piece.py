@@ -122,7 +122,7 @@ def polynomial(piece: Piece, numbers: int, bend: float = 0.0) -> Line:
     """Weighted polynomial of `numbers` coefficients through a piece, a bend [m/s^2] beside them."""
     origin = float(piece.t[piece.t.size // 2])
     tau = piece.t - origin
-    span = max(float(np.abs(tau).max()), 1e-300)
+    span = float(np.abs(tau).max()) or 1.0
     size = span ** np.arange(numbers)
     a = piece.white(tau[:, None] ** np.arange(numbers) / size)
     b = piece.white(piece.y - bend * tau * tau)

@@ -17,7 +17,7 @@ from ..mean import difference_noise
 from .beyond import Drive, Ring
 from .edges import Flight, flight
 from .flights import NAN, Doubt, Flights
-from .ground import MOST, ground
+from .ground import MOST, Ground, ground
 from .motion import POWER, Motion, curvature, motion
 from .noise import with_noise
 from .piece import Piece
@@ -73,13 +73,17 @@ def track_flights(
         raise ValueError("track_flights: t must increase from sample to sample")
     if not stated:
         sigma = np.full(t.size, noise_of(h))
-    sigma = np.hypot(sigma, ripple / math.sqrt(2.0))
     drive = None if offset is None else Drive(t, np.asarray(offset, float)[good])
-    cut, noise = with_noise(
-        [Piece(t[i:j], h[i:j], sigma[i:j]) for i, j in pieces(t, max_gap)], gravity, stated or ripple > 0.0
+    cut, noise = with_noise([Piece(t[i:j], h[i:j], sigma[i:j]) for i, j in pieces(t, max_gap)], gravity, stated)
+    quiet = 1.0
+    if ripple:
+        still = float(np.median(noise.factor * sigma))
+        cut = [replace(p, sigma=np.hypot(p.sigma, ripple / math.sqrt(2.0)), rho=0.0) for p in cut]
+        cut = with_noise(cut, gravity, stated=True)[0]
+        quiet = still / float(np.median(np.concatenate([p.sigma for p in cut]))) if ring else 1.0
+    how = Settings(
+        gravity, gravity_sigma, shortest, ring, lag, drive=drive, quiet=quiet, rho=noise.rho, stiffness=stiffness
     )
-    shaken = noise.factor * ripple / math.sqrt(2.0) if ring else 0.0
-    how = Settings(gravity, gravity_sigma, shortest, ring, lag, drive=drive, shaken=shaken, stiffness=stiffness)
     whole, warned = as_filmed(cut, how)
     if stated and noise.factor > GROSS:
         said = (
@@ -178,7 +182,7 @@ def flights_in(piece: Piece, how: Settings) -> tuple[Motion, list[Flight]]:
     if piece.t.size < FEWEST:
         return Motion(piece, [], [], {}), []
     m = motion(piece, how.gravity)
-    under = ground(m, how.gravity)
+    under = Ground() if how.slow(piece.step) else ground(m, how.gravity)
     flying = [flight(m, k, how, under) for k, part in enumerate(m.parts) if part.kind == FLIGHT]
     return m, [f for f in flying if flies(m.piece, f, how) and duration(m.piece, f) >= how.shortest]
 
