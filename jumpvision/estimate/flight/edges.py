@@ -11,7 +11,7 @@ from jumpvision.base.arrays import Array
 
 from .ground import Ground
 from .motion import POWER, Motion, Part, curvature, price, pushed, turning
-from .piece import Line, Piece, crossing, moves, polynomial, root_of
+from .piece import Line, Piece, Source, crossing, moves, polynomial, root_of
 from .segments import FLIGHT, NUMBERS, REST
 from .spring import SHRUNK, Settings, Sprung, quiet, sprung, swings, well
 
@@ -19,9 +19,6 @@ UNLIKE = 3.0  # sigmas by which a flight's own curvature may differ before it is
 FEWEST = 6  # samples of a smooth motion that a flight may meet at an angle
 SOON = 0.1  # of a fall's speed that it may have after its release, where it was told from the rest
 FREE = 0.3  # of gravity: what is known of a curvature that is fitted freely
-
-
-Source = tuple[str, int]  # ("curve", its place in the motion), ("train" of bounces, the place of its first), others
 
 
 @dataclass(frozen=True)
@@ -186,8 +183,9 @@ def _edge(
         at = crossing(line, met.line, met.near)
         at = met.near if at is None else at
         mine, theirs = moves(line, met.line, at)
-        by = {name: mine @ line.root[: mine.size]}
-        by[met.name] = by.get(met.name, 0.0) + theirs @ met.line.root
+        by = line.moved(mine, name, side > 0)
+        for source, moved in met.line.moved(theirs, met.name, side < 0).items():
+            by[source] = by.get(source, 0.0) + moved
         return Edge(at, met.kind, by)
     if fit is None:
         n = part.i if side < 0 else part.j
@@ -208,10 +206,9 @@ def _release(line: Line, met: Beside, name: Source) -> Edge:
     if line.p.size > 2:
         time_by[2], height_by[2] = -tau / bend, tau * tau
     off = line.at(line.origin + tau) - met.line.at(met.near)
-    root = line.root[: line.p.size]
-    time_by, height_by = time_by @ root, height_by @ root
-    gain = float(time_by @ height_by) / float(height_by @ height_by + met.line.cov[0, 0])
-    by = {name: time_by - gain * height_by, met.name: gain * met.line.root[0]}
+    cov = line.cov[: line.p.size, : line.p.size]
+    gain = float(time_by @ cov @ height_by) / float(height_by @ cov @ height_by + met.line.cov[0, 0])
+    by = line.moved(time_by - gain * height_by, name, False) | met.line.moved(np.array([gain]), met.name, True)
     return Edge(line.origin + tau - gain * off, "release", by)
 
 

@@ -152,7 +152,7 @@ def together(
     if sigma > TOLD * unseen or not -POWER * sigma < x[-1] < LONGEST or chi2 > SCATTER * dof + POWER**2:
         return None
     root = root if well(chi2, dof) or not dof else math.sqrt(max(chi2 / dof, 1.0)) * root
-    lines = [replace(a, p=x[2 * n : 2 * n + 2], root=root[2 * n : 2 * n + 2]) for n, a in enumerate(free)]
+    lines = [replace(a, p=x[2 * n : 2 * n + 2], root=root[2 * n : 2 * n + 2], drift=None) for n, a in enumerate(free)]
     return lines, Line(x[-2:-1], 0.0, 0.0, chi2, m, root[-2:-1]), float(x[-1])
 
 

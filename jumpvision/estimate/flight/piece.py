@@ -10,17 +10,20 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
 
+Source = tuple[str, int]  # ("curve", its place in the motion), ("train" of bounces, the place of its first), others
 FINEST = 1e-150  # m: the square of a smaller sigma, of a record without any scatter, is no number
 
 
 @dataclass(frozen=True)
 class Piece:
-    """t (n,) [s] increasing, y (n,) [m] up, sigma (n,) [m]; rho: correlation of the noise from sample to sample."""
+    """t (n,) [s] increasing, y (n,) [m] up, sigma (n,) [m]; rho: correlation of the noise from sample to sample;
+    wander [m]: rms step of a random walk beside it."""
 
     t: Array
     y: Array
     sigma: Array
     rho: float = 0.0
+    wander: float = 0.0
     step: float = 0.0  # s, between samples that were not lost
 
     def __post_init__(self) -> None:
@@ -75,6 +78,7 @@ class Line:
     """A polynomial of degree < len(p) in t - origin, with bend (t - origin)^2 beside it.
 
     root (k, m): of the covariance of p, root root^T; its columns are of independent sources of unit variance.
+    drift (k + 1, k + 1): the same of a walk's steps within the samples, and of its level behind them.
     """
 
     p: Array
@@ -83,11 +87,21 @@ class Line:
     chi2: float
     n: int
     root: Array
+    drift: Array | None = None
 
     @property
     def cov(self) -> Array:
         """(k, k) of p."""
-        return np.asarray(self.root @ self.root.T)
+        drift = 0.0 if self.drift is None else self.drift[:-1] @ self.drift[:-1].T
+        return np.asarray(self.root @ self.root.T + drift)
+
+    def moved(self, by: Array, name: Source, before: bool) -> dict[Source, Array]:
+        """What moves a number that depends on p as `by` (k,) says, and on the level about it: by sources of unit
+        variance. before: whether the line lies before what it is compared with, which starts from the walk's level."""
+        out = {name: by @ self.root[: by.size]}
+        if self.drift is not None:
+            out[f"wander of {name[0]}", name[1]] = np.append(by, -by[0] * before) @ self.drift
+        return out
 
     def at(self, t: float) -> float:
         tau = t - self.origin
@@ -130,7 +144,16 @@ def polynomial(piece: Piece, numbers: int, bend: float = 0.0) -> Line:
     root = axes / np.sqrt(np.where(weight > FLAT * weight[-1], weight, np.inf))
     p = root @ (root.T @ (a.T @ b))
     chi2 = float(np.sum((b - a @ p) ** 2))
-    return Line(p / size, bend, origin, chi2, piece.t.size, root / size[:, None])
+    out = Line(p / size, bend, origin, chi2, piece.t.size, root / size[:, None])
+    return replace(out, drift=_drift(piece, out.root @ (root.T @ a.T))) if piece.wander else out
+
+
+def _drift(piece: Piece, by: Array) -> Array:
+    """Of numbers whose slopes by whitened samples are `by` (k, n): a slow walk is whitened as its mean is."""
+    slow = math.sqrt((1.0 - piece.rho) / (1.0 + piece.rho)) / piece.sigma
+    behind = np.cumsum((by * slow)[:, ::-1], axis=1)[:, ::-1]
+    both = piece.wander * np.vstack([behind, np.ones(piece.t.size)])
+    return np.asarray(np.linalg.qr(both.T)[1].T)
 
 
 def root_of(cov: Array) -> Array:

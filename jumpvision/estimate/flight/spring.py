@@ -235,6 +235,10 @@ def _fitted(
     dof = n - q.size
     factor = scatter_factor(chi2, dof) ** 2
     g = (gravity + gravity_sigma * q[2], gravity_sigma * math.sqrt(cov[2, 2])) if free_gravity else (gravity, 0.0)
+    if piece.wander:  # its steps move all samples behind them
+        by = cov @ jacobian(q)[:n].T * (-math.sqrt((1.0 - piece.rho) / (1.0 + piece.rho)) / piece.sigma)
+        behind = piece.wander * np.cumsum(by[:, ::-1], axis=1)
+        cov = cov + behind @ behind.T
     left = residual(q)[:n]
     rho = float(left[1:] @ left[:-1]) / max(float(left @ left), 1e-300)
     return Sprung(origin, q[:many], origin + times, factor * cov[:keep, :keep], edges, chi2, n, g, rho=rho)
