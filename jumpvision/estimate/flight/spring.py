@@ -22,6 +22,7 @@ SHRUNK = (1.0, 0.6, 0.35, 0.2)  # of the way to the turning point, tried in turn
 POWER, STRONGEST = 3.0, 0.8  # sigmas of a correlation that is looked for, and the strongest
 DOUBT = 2.0  # sigmas by which a fit of half a contact must differ
 SLOW = 4  # samples
+TRIES = 100  # of a fit, which takes 10
 HALF = 0.5  # of a contact, whose edges must be those of the whole
 POOR = 1e-3  # chance of chi^2 below which a contact is none of a spring
 
@@ -222,7 +223,14 @@ def _fitted(
     scale = [noise, noise / span, *[1.0] * free_gravity, *[noise] * beyond.free]
     scale += [piece.step] * len(edges) + [0.2] * len(edges)
     q0 = np.concatenate([p, where, np.log(stiff)])
-    fit = least_squares_fit(residual, q0, scale=scale, jacobian=jacobian)
+    tries = iter(range(TRIES))
+
+    def tried(q: Array) -> Array:
+        if next(tries, None) is None:  # what has not closed in by then has no edge there
+            raise ValueError("no fit")
+        return residual(q)
+
+    fit = least_squares_fit(tried, q0, scale=scale, jacobian=jacobian)
     if fit is None:
         return None
     q, cov, chi2 = fit

@@ -79,7 +79,7 @@ def track_flights(
     if ripple:
         still = float(np.median(noise.factor * sigma))
         cut = [replace(p, sigma=np.hypot(p.sigma, ripple / math.sqrt(2.0)), rho=0.0) for p in cut]
-        cut = with_noise(cut, gravity, stated=True)[0]
+        cut = [replace(p, wander=0.0) for p in with_noise(cut, gravity, stated=True)[0]]  # a ring looks like one
         quiet = still / float(np.median(np.concatenate([p.sigma for p in cut]))) if ring else 1.0
     how = Settings(
         gravity, gravity_sigma, shortest, ring, lag, drive=drive, quiet=quiet, rho=noise.rho, stiffness=stiffness
