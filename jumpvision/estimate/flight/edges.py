@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,75 +11,93 @@ from jumpvision.base.arrays import Array
 
 from .ground import Ground
 from .motion import POWER, Motion, Part, curvature, price, pushed, turning
-from .piece import Line, Piece, crossing, moves, polynomial
+from .piece import Line, Piece, Source, crossing, moves, polynomial, root_of
 from .segments import FLIGHT, NUMBERS, REST
 from .spring import SHRUNK, Settings, Sprung, quiet, sprung, swings, well
 
 UNLIKE = 3.0  # sigmas by which a flight's own curvature may differ before it is fitted with it
 FEWEST = 6  # samples of a smooth motion that a flight may meet at an angle
 SOON = 0.1  # of a fall's speed that it may have after its release, where it was told from the rest
-GROUND = -9  # name of the ground among curves
 FREE = 0.3  # of gravity: what is known of a curvature that is fitted freely
 
 
 @dataclass(frozen=True)
 class Edge:
-    """An end of a flight: when [s], its variance [s^2], what is beyond it.
+    """An end of a flight: when [s], what is beyond it.
 
-    by: {which curve: d time / d its numbers}; curves of the motion by their place in it, others below 0.
+    by: {whose: by how much [s] each of its sources of unit variance moves it}.
     """
 
     time: float
-    variance: float
     kind: str
-    by: dict[int, Array] = field(default_factory=dict)
+    by: dict[Source, Array]
+
+    @property
+    def variance(self) -> float:
+        """[s^2]"""
+        return self.covariance(self)
+
+    def covariance(self, other: Edge) -> float:
+        """With another edge [s^2]."""
+        both = [k for k in self.by if k in other.by and self.by[k].size == other.by[k].size]
+        return sum(float(self.by[k] @ other.by[k]) for k in both)
 
 
 @dataclass(frozen=True)
 class Flight:
-    """Samples i .. j; edges (None: outside the record); curvature [m/s^2] and its sigma; covariances: of the curves."""
+    """Samples i .. j; edges (None: outside the record); curvature [m/s^2] and its sigma."""
 
     i: int
     j: int
     edges: tuple[Edge | None, Edge | None]
     curvature: tuple[float, float]
-    covariances: dict[int, Array]
     swing: bool  # whether one swing on a spring, or a smooth motion, explains it and what is about it as well
 
     def covariance(self, a: int, other: Flight, b: int) -> float:
         """Of edge a (0 lift-off, 1 landing) with edge b of another flight [s^2]."""
         first, second = self.edges[a], other.edges[b]
-        if first is None or second is None:
-            return 0.0
-        cov = self.covariances
-        both = [k for k in first.by if k in second.by and (k >= 0 or k == GROUND or self is other)]
-        return sum(float(first.by[k] @ cov[k] @ second.by[k]) for k in both if first.by[k].size == second.by[k].size)
+        return 0.0 if first is None or second is None else first.covariance(second)
+
+    def times_together(self, other: Flight) -> float:
+        """Covariance of the times of two flights [s^2]."""
+        return sum((2 * (i == j) - 1) * self.covariance(i, other, j) for i in (0, 1) for j in (0, 1))
 
 
 @dataclass(frozen=True)
 class Beside:
     """What a flight meets at an angle: the curve, its name, when about [s], and the kind of the edge."""
 
-    name: int
+    name: Source
     line: Line
     near: float
     kind: str
 
 
-def flight(motion: Motion, k: int, how: Settings, under: Ground | None = None) -> Flight:
-    """The flight that is part k of a motion. under: the ground that its bounces have in common, where they last."""
-    part, line, piece = motion.parts[k], motion.lines[k], motion.piece
+def flight(motion: Motion, k: int, how: Settings, under: Ground) -> Flight:
+    """The flight that is part k of a motion. under: the ground of its bounces."""
+    part, line, piece = motion.parts[k], under.lines.get(k, motion.lines[k]), motion.piece
+    name, span = ("train", under.first[k]) if k in under.first else ("curve", k), under.spans.get(k, (part.i, part.j))
     sides = [side for side in (-1, 1) if 0 <= k + side < len(motion.parts)]
     reach = turning(motion, k, -1), turning(motion, k, 1)
-    own = curvature(piece, part.i, part.j)
+    own = curvature(piece, *span)
     if unlike(own, how):
-        line = polynomial(piece.part(part.i, part.j), 3)
-    beside = {side: met for side in sides if (met := corner(motion, k, side, reach, how)) is not None}
-    if under is not None:
-        on_it = [side for side in sides if (k, side) in under.bounces]
-        beside |= {side: Beside(GROUND, under.line, _border(motion, k, side), "bounce") for side in on_it}
+        line, name = polynomial(piece.part(*span), 3), ("curve", k)
+    beside = {}
+    for side in sides:
+        level = under.levels.get((k, side))
+        met = corner(motion, k, side, reach, how) if level is None else None
+        if level is not None:
+            other = motion.parts[k + side].kind
+            kind = "rest" if other == REST else "impact"
+            met = Beside(("train", under.first[k]), level, _border(motion, k, side), kind)
+        if met is not None:
+            beside[side] = met
     gradual = tuple(side for side in sides if side not in beside)
     fit = sprung(piece, (part.i, part.j), reach, gradual, how) if gradual else None
+    if fit is not None and not fit.good and len(sides) == 1:  # a contact at the record's end that noise hid
+        hidden = sprung(piece, (part.i, part.j), reach, (-1, 1), how)
+        if hidden is not None and hidden.good:
+            fit, gradual = hidden, (-1, 1)
     swing = False
     if fit is not None:
         own = _own(motion, part.i, part.j, reach, gradual, how, fit)
@@ -88,13 +106,14 @@ def flight(motion: Motion, k: int, how: Settings, under: Ground | None = None) -
             fit = sprung(piece, (part.i, part.j), reach, gradual, freely) or fit
         line = fit.line
         more = POWER**2 if how.fitted else 0.0
-        doubtful = len(gradual) == 2 or (how.fitted and len(gradual) == len(sides))
+        doubtful = len(gradual) == 2 or (how.fitted and not beside)
         swing = doubtful and _swings(quiet(motion.piece, how), part, reach, fit, more)
-    cov = line.cov if fit is None else fit.cov
-    covariances = {k: cov} | {b.name: b.line.cov for b in beside.values()}
+    if fit is not None:
+        line, name = replace(line, root=root_of(fit.cov)), ("curve", k)
     swing = swing or not all(pushed_up(motion, k, side) for side in gradual if fit is None or not fit.good)
-    edges = tuple(_edge(motion, k, s, line, cov, beside, fit, gradual) if s in sides else None for s in (-1, 1))
-    return Flight(part.i, part.j, (edges[0], edges[1]), own, covariances, swing)
+    ends = (*beside, *gradual)
+    edges = [_edge(motion, k, s, name, line, beside, fit, gradual) if s in ends else None for s in (-1, 1)]
+    return Flight(part.i, part.j, (edges[0], edges[1]), own, swing)
 
 
 def _swings(piece: Piece, part: Part, reach: tuple[int, int], fit: Sprung, more: float) -> bool:
@@ -148,68 +167,73 @@ def _edge(
     motion: Motion,
     k: int,
     side: int,
+    name: Source,
     line: Line,
-    cov: Array,
     beside: dict[int, Beside],
     fit: Sprung | None,
     gradual: tuple[int, ...],
 ) -> Edge:
+    """line: its root is of all numbers that are fitted, the edges on a spring among them."""
     piece, part = motion.piece, motion.parts[k]
+    to_a_sample = {("contact", 2 * k + side): np.array([piece.step])}
     if side in beside:
         met = beside[side]
         if met.kind == "release":
-            return _release(line, cov, met, k)
+            return _release(line, met, name)
         at = crossing(line, met.line, met.near)
         at = met.near if at is None else at
         mine, theirs = moves(line, met.line, at)
-        by = np.zeros(len(cov))
-        by[: mine.size] = mine
-        return Edge(at, float(by @ cov @ by + theirs @ met.line.cov @ theirs), met.kind, {k: by, met.name: theirs})
+        by = line.moved(mine, name, side > 0)
+        for source, moved in met.line.moved(theirs, met.name, side < 0).items():
+            by[source] = by.get(source, 0.0) + moved
+        return Edge(at, met.kind, by)
     if fit is None:
         n = part.i if side < 0 else part.j
-        return Edge(0.5 * float(piece.t[n - 1] + piece.t[n]), piece.step**2, "contact")
+        return Edge(0.5 * float(piece.t[n - 1] + piece.t[n]), "contact", to_a_sample)
     n = gradual.index(side)
-    by = np.zeros(len(cov))
-    by[fit.p.size + n] = 1.0
-    time, variance = float(fit.times[n]), float(by @ cov @ by)
-    if not fit.good and variance < piece.step**2:  # no spring-like landing: good to a frame at best
-        return Edge(time, piece.step**2, "contact")
-    return Edge(time, variance, "spring", {k: by})
+    edge = Edge(float(fit.times[n]), "spring", {name: line.root[fit.p.size + n]})
+    if not fit.good and edge.variance < piece.step**2:  # no spring-like landing: good to a frame at best
+        return Edge(edge.time, "contact", to_a_sample)
+    return edge
 
 
-def _release(line: Line, cov: Array, met: Beside, k: int) -> Edge:
+def _release(line: Line, met: Beside, name: Source) -> Edge:
     """Let go at rest: the parabola's apex, and that it is as high as the rest was."""
-    numbers = np.zeros(len(cov))
-    numbers[: line.p.size] = line.p
     bend = line.bend + (float(line.p[2]) if line.p.size > 2 else 0.0)
     tau = -float(line.p[1]) / (2.0 * bend)
-    time_by, height_by = np.zeros(len(cov)), np.zeros(len(cov))
+    time_by, height_by = np.zeros(line.p.size), np.zeros(line.p.size)
     time_by[1], height_by[:2] = -0.5 / bend, (1.0, tau)
     if line.p.size > 2:
         time_by[2], height_by[2] = -tau / bend, tau * tau
     off = line.at(line.origin + tau) - met.line.at(met.near)
-    gain = cov @ height_by / (height_by @ cov @ height_by + met.line.cov[0, 0])
-    by = time_by - (time_by @ gain) * height_by
-    theirs = np.array([float(time_by @ gain)])
-    variance = float(by @ cov @ by + theirs @ met.line.cov @ theirs)
-    return Edge(line.origin + tau - float(time_by @ gain) * off, variance, "release", {k: by, met.name: theirs})
+    cov = line.cov[: line.p.size, : line.p.size]
+    gain = float(time_by @ cov @ height_by) / float(height_by @ cov @ height_by + met.line.cov[0, 0])
+    by = line.moved(time_by - gain * height_by, name, False) | met.line.moved(np.array([gain]), met.name, True)
+    return Edge(line.origin + tau - gain * off, "release", by)
 
 
 def corner(motion: Motion, k: int, side: int, reach: tuple[int, int], how: Settings) -> Beside | None:
     """What the flight k meets at an angle on one side; None where a spring explains the motion beside it as well."""
     piece, other = motion.piece, motion.parts[k + side]
-    at = motion.corners.get(k + min(side, 0))
+    at = None if how.slow(piece.step) else motion.corners.get(k + min(side, 0))
     if at is not None and other.kind == FLIGHT:
-        return Beside(k + side, motion.lines[k + side], at, "impact")
+        return Beside(("curve", k + side), motion.lines[k + side], at, "impact")
     lo, hi = (reach[0], motion.parts[k].i) if side < 0 else (motion.parts[k].j, reach[1])
-    driven = how.drive is not None and hi - lo > 2 and how.drive.near(piece.t[lo:hi], 0.0) is not None
+    around = piece.t[max(lo - FEWEST, 0) : hi + FEWEST]
+    driven = how.drive is not None and how.drive.near(around, 0.0) is not None
     longer = len(other) > len(motion.parts[k])  # than any turn on a spring
     if at is not None and other.kind == REST and longer and not driven:
-        return Beside(k + side, motion.lines[k + side], at, "rest")
+        return Beside(("curve", k + side), motion.lines[k + side], at, "rest")
     if side < 0 and other.kind == REST and not driven and (let := released(motion, k)) is not None:
         return let
+    if how.slow(piece.step):
+        return None
     kind = "rest" if other.kind == REST else "support"
-    found = Beside(k + side, motion.lines[k + side], at, kind) if at is not None else bent(motion, k, side, reach)
+    found = (
+        Beside(("curve", k + side), motion.lines[k + side], at, kind)
+        if at is not None
+        else bent(motion, k, side, reach)
+    )
     if found is None:
         return None
     if hi - lo < 2:
@@ -244,7 +268,11 @@ def released(motion: Motion, k: int) -> Beside | None:
         return None
     apex = line.origin - float(line.p[1]) / (2.0 * line.bend)
     sigma = math.hypot(math.sqrt(float(line.row(apex) @ line.cov @ line.row(apex))), math.sqrt(float(level.cov[0, 0])))
-    return Beside(k - 1, level, apex, "release") if abs(line.at(apex) - level.at(apex)) < POWER * sigma else None
+    return (
+        Beside(("curve", k - 1), level, apex, "release")
+        if abs(line.at(apex) - level.at(apex)) < POWER * sigma
+        else None
+    )
 
 
 def _fall(motion: Motion, k: int) -> float:
@@ -265,4 +293,4 @@ def bent(motion: Motion, k: int, side: int, reach: tuple[int, int]) -> Beside | 
     if at is None or not piece.t[min(part.i, lo)] < at < piece.t[max(part.j, hi) - 1]:
         return None
     push = pushed(mine, beside, at) if side > 0 else pushed(beside, mine, at)
-    return Beside(side - 2, beside, at, "support") if push else None
+    return Beside(("support", 2 * k + side), beside, at, "support") if push else None

@@ -31,8 +31,8 @@ class Flights:
     """Lift-off and landing times [s] and their standard uncertainties, shape (number of flights,), in order.
 
     NaN stands for an edge outside the record (in the air when it begins or ends). `len()` is n_jumps.
-    covariance: of a flight's lift-off and landing [s^2]; shared (n, 2): covariance of its time with that of the next
-    and of the one after it [s^2], by the impacts and parabolas that they share. curvature [m/s^2]: of the track in
+    covariance: of a flight's lift-off and landing [s^2]; shared (n, m): covariance of its time with those of the m next
+    [s^2], by the impacts, parabolas and ground that they share. curvature [m/s^2]: of the track in
     flight, fitted freely, with its standard uncertainty. kinds: what each flight begins and ends with. doubts: what is
     wrong with the record as a whole.
     """
@@ -42,7 +42,7 @@ class Flights:
     landing: Array
     landing_sigma: Array
     covariance: Array = field(default_factory=lambda: np.zeros(0))
-    shared: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    shared: Array = field(default_factory=lambda: np.zeros((0, 0)))
     curvature: Array = field(default_factory=lambda: np.zeros(0))
     curvature_sigma: Array = field(default_factory=lambda: np.zeros(0))
     kinds: tuple[tuple[str, str], ...] = ()
@@ -50,7 +50,7 @@ class Flights:
 
     def __post_init__(self) -> None:
         n = self.lift_off.size
-        for name, empty in (("covariance", np.zeros(n)), ("shared", np.zeros((n, 2)))):
+        for name, empty in (("covariance", np.zeros(n)), ("shared", np.zeros((n, 0)))):
             if len(getattr(self, name)) != n:
                 object.__setattr__(self, name, empty)
 
@@ -72,7 +72,7 @@ class Flights:
         """Those of a mask (n,); what neighbours shared is then unknown, and taken as nothing, where one is left out."""
         at = np.flatnonzero(keep)
         shared = self.shared[at].copy()
-        for lag in (1, 2):
+        for lag in range(1, shared.shape[1] + 1):
             follows = np.zeros(at.size, bool)
             follows[: at.size - lag] = (at[lag:] - at[:-lag] == lag) if at.size > lag else False
             shared[~follows, lag - 1] = 0.0
@@ -118,7 +118,7 @@ def restitution(flights: Flights, *, after: float) -> Estimate:
         return Estimate(NAN, NAN, "", free.size, NAN, f"{free.size} free flights, two are needed")
     time, shared = flights.time[free], flights.shared[free]
     cov = np.diag(flights.time_sigma[free] ** 2)
-    for lag in (1, 2):  # an impact ends one flight and begins the next
+    for lag in range(1, min(shared.shape[1], free.size - 1) + 1):
         at = np.arange(free.size - lag)
         cov[at, at + lag] = cov[at + lag, at] = shared[: free.size - lag, lag - 1]
     slope, sigma, chi2 = _slope(np.log(time), cov / np.outer(time, time))

@@ -214,6 +214,8 @@ def turning(motion: Motion, k: int, side: int) -> int:
         part, line = motion.parts[m], motion.lines[m]
         if part.kind == FLIGHT:
             return part.j if side < 0 else part.i
+        if part.kind == REST and len(part) <= TOUCH:
+            continue
         if part.kind == REST:  # of a contact's turn, if it is one
             return part.i + len(part) // 2
         back = np.flatnonzero(side * line.slopes(piece.t[part.i : part.j]) >= 0.0)

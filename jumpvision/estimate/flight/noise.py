@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from jumpvision.base.arrays import Array
 
@@ -16,6 +17,8 @@ from .segments import FLIGHT, NUMBERS, evidence
 
 STRONGEST = 0.8  # correlation from sample to sample that is looked for
 RHOS = np.linspace(0.0, STRONGEST, 17)
+WALKS = np.concatenate([[0.0], np.geomspace(1e-7, 0.1, 25)])  # variance of a step over the noise's
+CHANCE = 2.7  # chi^2 of a number that is >= 0, which chance makes once in twenty
 LONG, MOST = 12, 40_000  # samples of a stretch that tells noise; of all of them, at most
 QUARTILE = 0.31864  # lower quartile of the absolute value of a normal deviate
 LOOSE = 0.7  # of a stated sigma: a scatter far below it
@@ -27,11 +30,13 @@ ENOUGH = 0.05  # change of factor or correlation that needs no further round
 
 @dataclass(frozen=True)
 class Noise:
-    """factor: of the stated sigma; rho: correlation from sample to sample; n: samples that tell it."""
+    """factor: of the stated sigma; rho: correlation from sample to sample; n: samples that tell it; wander: rms step
+    from sample to sample of what drifts beside it, in stated sigmas."""
 
     factor: float
     rho: float
     n: int = 0
+    wander: float = 0.0
 
     def of_stated(self) -> Noise:
         """For a sigma that is stated: believed until the scatter contradicts it, never shrunk.
@@ -105,6 +110,31 @@ def learned(stretches: Iterable[tuple[Piece, Array]], price: float) -> Noise | N
     return Noise(math.sqrt(factor2), rho, free)
 
 
+def wandering(stretches: Iterable[tuple[Piece, Array]], rho: float) -> float:
+    """rms step of a random walk beside noise of correlation rho, in sigmas: by the likelihood of cosine modes
+    (Whittle), those left out that a course takes; 0 where chance makes as much."""
+    power, noise, walk = [], [], []
+    for piece, columns in stretches:
+        n, low = piece.t.size, columns.shape[1]
+        q = np.linalg.qr(columns)[0]
+        y = piece.y / piece.sigma
+        mode = scipy.fft.dct(y - q @ (q.T @ y), norm="ortho")[low:]
+        cosine = np.cos(np.pi * np.arange(low, n) / n)
+        power.append(mode**2)
+        noise.append((1.0 - rho**2) / (1.0 - 2.0 * rho * cosine + rho**2))
+        walk.append(0.5 / (1.0 - cosine))
+    if not power:
+        return 0.0
+    p, white, slow = np.concatenate(power), np.concatenate(noise), np.concatenate(walk)
+    found = []
+    for share in WALKS:
+        spread = white + share * slow
+        size = float(np.mean(p / spread))
+        found.append((p.size * math.log(max(size, 1e-300)) + float(np.sum(np.log(spread))), math.sqrt(share * size)))
+    cost, step = min(found)
+    return step if found[0][0] - cost > CHANCE else 0.0
+
+
 def _between(x: Array, cost: Array, k: int) -> float:
     """Where a parabola through three neighbours is least."""
     if not 0 < k < x.size - 1:
@@ -121,13 +151,16 @@ def with_noise(given: list[Piece], gravity: float, stated: bool) -> tuple[list[P
     """
     noise = _first(given, gravity, stated)
     price = math.log(max(sum(p.t.size for p in given), 2))
+    stretches: list[tuple[Piece, Array]] = []
     for _ in range(LEARNED):
-        found = _shown(list(_stretches(given, _scaled(given, noise), gravity)), price)
+        stretches = list(_stretches(given, _scaled(given, noise), gravity))
+        found = _shown(stretches, price)
         if found is None:
             break
         last, noise = noise, found.of_stated() if stated else found
         if abs(last.factor / noise.factor - 1.0) < ENOUGH and abs(last.rho - noise.rho) < ENOUGH:
             break
+    noise = replace(noise, wander=wandering(stretches, noise.rho))
     return _scaled(given, noise), noise
 
 
@@ -164,7 +197,10 @@ def _first(given: list[Piece], gravity: float, stated: bool) -> Noise:
 
 
 def _scaled(given: list[Piece], noise: Noise) -> list[Piece]:
-    return [replace(p, sigma=noise.factor * p.sigma, rho=noise.rho) for p in given]
+    return [
+        replace(p, sigma=noise.factor * p.sigma, rho=noise.rho, wander=noise.wander * float(np.median(p.sigma)))
+        for p in given
+    ]
 
 
 def _stretches(given: list[Piece], now: list[Piece], gravity: float) -> Iterator[tuple[Piece, Array]]:

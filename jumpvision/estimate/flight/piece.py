@@ -10,17 +10,20 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
 
+Source = tuple[str, int]  # ("curve", its place in the motion), ("train" of bounces, the place of its first), others
 FINEST = 1e-150  # m: the square of a smaller sigma, of a record without any scatter, is no number
 
 
 @dataclass(frozen=True)
 class Piece:
-    """t (n,) [s] increasing, y (n,) [m] up, sigma (n,) [m]; rho: correlation of the noise from sample to sample."""
+    """t (n,) [s] increasing, y (n,) [m] up, sigma (n,) [m]; rho: correlation of the noise from sample to sample;
+    wander [m]: rms step of a random walk beside it."""
 
     t: Array
     y: Array
     sigma: Array
     rho: float = 0.0
+    wander: float = 0.0
     step: float = 0.0  # s, between samples that were not lost
 
     def __post_init__(self) -> None:
@@ -66,19 +69,39 @@ class Piece:
         return t, y
 
 
+FLAT = 1e-14  # of the greatest eigenvalue: of numbers that samples do not tell
 LEAST = 1e-4  # of the weight of a sample that cannot be told from its neighbour's noise
 
 
 @dataclass(frozen=True)
 class Line:
-    """A polynomial of degree < len(p) in t - origin, with bend (t - origin)^2 beside it; cov (k, k) of p."""
+    """A polynomial of degree < len(p) in t - origin, with bend (t - origin)^2 beside it.
+
+    root (k, m): of the covariance of p, root root^T; its columns are of independent sources of unit variance.
+    drift (k + 1, k + 1): the same of a walk's steps within the samples, and of its level behind them.
+    """
 
     p: Array
-    cov: Array
-    origin: float
     bend: float
+    origin: float
     chi2: float
     n: int
+    root: Array
+    drift: Array | None = None
+
+    @property
+    def cov(self) -> Array:
+        """(k, k) of p."""
+        drift = 0.0 if self.drift is None else self.drift[:-1] @ self.drift[:-1].T
+        return np.asarray(self.root @ self.root.T + drift)
+
+    def moved(self, by: Array, name: Source, before: bool) -> dict[Source, Array]:
+        """What moves a number that depends on p as `by` (k,) says, and on the level about it: by sources of unit
+        variance. before: whether the line lies before what it is compared with, which starts from the walk's level."""
+        out = {name: by @ self.root[: by.size]}
+        if self.drift is not None:
+            out[f"wander of {name[0]}", name[1]] = np.append(by, -by[0] * before) @ self.drift
+        return out
 
     def at(self, t: float) -> float:
         tau = t - self.origin
@@ -87,6 +110,11 @@ class Line:
     def slope(self, t: float) -> float:
         tau = t - self.origin
         return float(sum(k * c * tau ** (k - 1) for k, c in enumerate(self.p) if k)) + 2.0 * self.bend * tau
+
+    def values(self, t: Array) -> Array:
+        """Heights (n,) at t (n,)."""
+        tau = t - self.origin
+        return np.asarray(np.polyval(self.p[::-1], tau) + self.bend * tau * tau)
 
     def slopes(self, t: Array) -> Array:
         """slope at (n,)."""
@@ -104,22 +132,35 @@ class Line:
         return np.asarray((t - self.origin) ** np.arange(self.p.size))
 
 
-def polynomial(piece: Piece, numbers: int, bend: float = 0.0, sigma: float = 0.0) -> Line:
-    """Weighted polynomial of `numbers` coefficients through a piece, a bend [m/s^2] beside them; where sigma > 0 the
-    third coefficient is what there is beside that bend, known to sigma."""
+def polynomial(piece: Piece, numbers: int, bend: float = 0.0) -> Line:
+    """Weighted polynomial of `numbers` coefficients through a piece, a bend [m/s^2] beside them."""
     origin = float(piece.t[piece.t.size // 2])
     tau = piece.t - origin
-    span = max(float(np.abs(tau).max()), 1e-300)
+    span = float(np.abs(tau).max()) or 1.0
     size = span ** np.arange(numbers)
     a = piece.white(tau[:, None] ** np.arange(numbers) / size)
     b = piece.white(piece.y - bend * tau * tau)
-    square = a.T @ a
-    if sigma > 0.0:
-        square[2, 2] += (sigma * size[2]) ** -2.0
-    cov = np.linalg.pinv(square)
-    p = cov @ (a.T @ b)
+    weight, axes = np.linalg.eigh(a.T @ a)
+    root = axes / np.sqrt(np.where(weight > FLAT * weight[-1], weight, np.inf))
+    p = root @ (root.T @ (a.T @ b))
     chi2 = float(np.sum((b - a @ p) ** 2))
-    return Line(p / size, cov / np.outer(size, size), origin, bend, chi2, piece.t.size)
+    out = Line(p / size, bend, origin, chi2, piece.t.size, root / size[:, None])
+    return replace(out, drift=_drift(piece, out.root @ (root.T @ a.T))) if piece.wander else out
+
+
+def _drift(piece: Piece, by: Array) -> Array:
+    """Of numbers whose slopes by whitened samples are `by` (k, n): a slow walk is whitened as its mean is."""
+    slow = math.sqrt((1.0 - piece.rho) / (1.0 + piece.rho)) / piece.sigma
+    behind = np.cumsum((by * slow)[:, ::-1], axis=1)[:, ::-1]
+    both = piece.wander * np.vstack([behind, np.ones(piece.t.size)])
+    return np.asarray(np.linalg.qr(both.T)[1].T)
+
+
+def root_of(cov: Array) -> Array:
+    """root (k, k), root root^T = cov (k, k)."""
+    scale = np.sqrt(np.maximum(np.diag(cov), 1e-300))
+    weight, axes = np.linalg.eigh(cov / np.outer(scale, scale))
+    return np.asarray(scale[:, None] * axes * np.sqrt(np.maximum(weight, 0.0)))
 
 
 def crossing(a: Line, b: Line, near: float) -> float | None:

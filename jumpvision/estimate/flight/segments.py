@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import njit
 
 from jumpvision.base.arrays import Array
 
-from .moments import CHUNK, LOOK_BACK, Fit, Index, change_points, segments_back, sums_between
+from .moments import Index, add, change_points, chi2_of, sums_between
 
 REST, STRAIGHT, FLIGHT, CURVED = range(4)
 NUMBERS = (1, 2, 2, 3)  # that each kind is fitted with
 FEWEST = (1, 2, 4, 1)  # samples of each kind
+LOOK_BACK = 96  # nodes that a segment may reach back
 ABOUT = 12  # samples on either side of a change, which it may move to
 LIKE = 0.003  # of gravity: by how much lens, air and tilt may change the curvature of what is a flight all the same
 RARE = 50.0  # a motion of constant curvature is one of gravity's, this many to one, before it is looked at
@@ -41,41 +43,51 @@ def evidence(t: Array, y: Array, w: Array, gravity: float) -> float:
 
 def _partition(t: Array, y: Array, w: Array, nodes: Index, gravity: float) -> tuple[Index, Index, float]:
     """(first sample of every segment and n, kind of each, cost) of least cost, segments from node to node."""
-    blocks = sums_between(t, y, w, nodes)
-    m = nodes.size - 1
     price = math.log(max(t.size, 2))
-    best = np.zeros(m + 1)
-    back, kinds = np.zeros(m, np.int64), np.zeros(m, np.int64)
-    for low in range(0, m, CHUNK):
-        reach = max(0, low - LOOK_BACK)
-        part = nodes[reach : min(low + CHUNK, m) + 1]
-        start, sums = segments_back(t, blocks[reach : reach + part.size - 1], part)
-        cost, kind = _costs(sums.fit, part, start, gravity, price)
-        for j in range(low - reach, part.size - 1):
-            use = min(j + 1, cost.shape[1])
-            total = cost[j, :use] + best[reach + j - np.arange(use)]
-            k = int(np.argmin(total))
-            best[reach + j + 1], back[reach + j], kinds[reach + j] = total[k], reach + j - k, kind[j, k]
-    ends, named = [m], []
+    best, back, kinds = _least(t, sums_between(t, y, w, nodes), nodes, gravity, price)
+    ends, named = [nodes.size - 1], []
     while ends[-1] > 0:
         named.append(kinds[ends[-1] - 1])
         ends.append(int(back[ends[-1] - 1]))
     return nodes[np.array(ends[::-1])], np.array(named[::-1], np.int64), float(best[-1])
 
 
-def _costs(fit: Fit, nodes: Index, start: Index, gravity: float, price: float) -> tuple[Array, Index]:
-    """(cost, kind) (m, l) of the best kind of every segment."""
-    length = nodes[1:][:, None] - nodes[np.maximum(start, 0)]
-    falling = fit.falling(gravity, LIKE * gravity)
-    chi2 = np.stack([fit.flat, fit.straight, falling, np.where(length <= 3, 0.0, fit.curved)])
-    chi2[0] = np.where(length <= 1, 0.0, chi2[0])
-    chi2[1] = np.where(length <= 2, 0.0, chi2[1])
-    numbers = np.array(NUMBERS)[:, None, None] + 1
-    cost = chi2 + price * np.minimum(numbers, length + 1)
-    with np.errstate(divide="ignore", invalid="ignore"):  # what a free curvature might have been, beside gravity's
-        other = 2.0 * np.log(RARE * gravity / np.maximum(fit.curvature_sigma, LIKE * gravity))
-        cost[CURVED] += np.where(length > 3, np.maximum(other - price, 0.0), 0.0)
-    cost[length < np.array(FEWEST)[:, None, None]] = np.inf
-    cost = np.where((start >= 0) & np.isfinite(cost), cost, np.inf)
-    kind = np.argmin(cost, axis=0)
-    return np.take_along_axis(cost, kind[None], axis=0)[0], kind
+@njit(cache=True)
+def _least(t: Array, blocks: Array, nodes: Index, gravity: float, price: float) -> tuple[Array, Index, Index]:
+    """(least cost up to every node (m + 1,); node at which the last segment begins and its kind (m,))."""
+    m = nodes.size - 1
+    best = np.zeros(m + 1)
+    back, kinds = np.zeros(m, np.int64), np.zeros(m, np.int64)
+    for j in range(m):
+        best[j + 1] = np.inf
+        end, sums = t[nodes[j]], np.zeros(9)
+        for k in range(j, max(j - LOOK_BACK, -1), -1):
+            add(sums, blocks[k], t[nodes[k]] - end)
+            cost, kind = _cheapest(sums, nodes[j + 1] - nodes[k], gravity, price)
+            if best[k] + cost < best[j + 1]:
+                best[j + 1], back[j], kinds[j] = best[k] + cost, k, kind
+    return best, back, kinds
+
+
+@njit(cache=True)
+def _cheapest(sums: Array, length: int, gravity: float, price: float) -> tuple[float, int]:
+    """(cost, kind) of a segment of so many samples."""
+    flat, straight, curved, bend, weight = chi2_of(sums)
+    least, kind = np.inf, REST
+    for k in (REST, STRAIGHT, FLIGHT, CURVED):
+        if length < FEWEST[k]:
+            continue
+        cost = price * min(NUMBERS[k] + 1, length + 1)
+        if k == REST:
+            cost += flat if length > 1 else 0.0
+        elif k == STRAIGHT:
+            cost += straight if length > 2 else 0.0
+        elif k == FLIGHT:
+            off = weight * (bend + 0.5 * gravity) ** 2
+            cost += curved + off / (1.0 + 0.25 * weight * (LIKE * gravity) ** 2)
+        elif length > 3:  # what a free curvature might have been, beside gravity's
+            sigma = max(2.0 / math.sqrt(weight) if weight > 0.0 else np.inf, LIKE * gravity)
+            cost += curved + max(2.0 * math.log(RARE * gravity / sigma) - price if sigma < np.inf else 0.0, 0.0)
+        if cost < least:
+            least, kind = cost, k
+    return least, kind

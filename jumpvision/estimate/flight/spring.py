@@ -12,7 +12,7 @@ from jumpvision.base.arrays import Array
 
 from ..estimate import least_squares_fit, scatter_factor
 from .beyond import Beyond, Drive, Ring
-from .piece import Line, Piece
+from .piece import Line, Piece, root_of
 
 STIFFNESS = (20.0, 30.0, 45.0, 65.0, 100.0, 150.0, 250.0, 400.0, 700.0, 1200.0)  # rad/s, where a fit starts
 KNOWN = {-1: 0.1, 1: 0.3}  # sigma of log w of a spring that is told, at a lift-off; at a landing sand softens it
@@ -20,6 +20,9 @@ ABOUT = (0.5, 0.7, 0.85, 1.0, 1.2)  # times that w, where a fit starts
 PLACES, MOST = 24, 100  # of an edge, where a fit starts; samples that this looks at
 SHRUNK = (1.0, 0.6, 0.35, 0.2)  # of the way to the turning point, tried in turn
 POWER, STRONGEST = 3.0, 0.8  # sigmas of a correlation that is looked for, and the strongest
+DOUBT = 2.0  # sigmas by which a fit of half a contact must differ
+SLOW = 4  # samples
+TRIES = 100  # of a fit, which takes 10
 HALF = 0.5  # of a contact, whose edges must be those of the whole
 POOR = 1e-3  # chance of chi^2 below which a contact is none of a spring
 
@@ -29,8 +32,8 @@ class Settings:
     """gravity, its sigma [m/s^2]; shortest flight [s]; ring of a foot; lag = c/k [s] of the damper at the spring.
 
     fitted: whether that gravity is one of the record's own, which a swing's top may imitate. drive: of the motor.
-    shaken [m]: what the noise was widened by for the ring, which is fitted here. stiffness: w [rad/s] of the spring,
-    known to KNOWN.
+    quiet: share of the noise in a sigma that was widened for the ring, which is fitted here, and its correlation rho.
+    stiffness: w [rad/s] of the spring, known to KNOWN.
     """
 
     gravity: float
@@ -40,8 +43,13 @@ class Settings:
     lag: float = 0.0
     fitted: bool = False
     drive: Drive | None = None
-    shaken: float = 0.0
+    quiet: float = 1.0
+    rho: float = 0.0
     stiffness: float = 0.0
+
+    def slow(self, step: float) -> bool:
+        """Whether a contact is on a spring that is told, whose turn takes SLOW samples: it makes no corner."""
+        return 0.0 < self.stiffness * step * SLOW < math.pi
 
 
 @dataclass(frozen=True)
@@ -67,7 +75,8 @@ class Sprung:
     @property
     def line(self) -> Line:
         """The flight's parabola."""
-        return Line(self.p[:2], self.cov[:2, :2], self.origin, -0.5 * self.curvature[0], self.chi2, self.n)
+        root = root_of(self.cov[:2, :2])
+        return Line(self.p[:2], -0.5 * self.curvature[0], self.origin, self.chi2, self.n, root)
 
     @property
     def good(self) -> bool:
@@ -117,7 +126,7 @@ def sprung(
         hi = inside[1] + round(share * (reach[1] - inside[1])) if 1 in edges else inside[1]
         ends = piece.t[inside[0]], piece.t[inside[1] - 1]
         found = _fitted(still.part(lo, hi), *ends, edges, how)
-        if found is not None and how.shaken and found.rho > POWER / math.sqrt(hi - lo):
+        if found is not None and how.quiet < 1.0 and found.rho > POWER / math.sqrt(hi - lo):
             coloured = replace(still, rho=min(found.rho, STRONGEST))
             found = _fitted(coloured.part(lo, hi), *ends, edges, how) or found
         return None if found is None else replace(found, window=(lo, hi), wide=wide)
@@ -135,21 +144,19 @@ def sprung(
 
 
 def doubted(best: Sprung, less: Sprung) -> Sprung:
-    """With what a fit of less of the contact finds elsewhere, beyond what it knows less: the ground or the foot is none
-    of the model's."""
+    """With what a fit of less of the contact finds elsewhere, beyond what it knows less, where that is no chance: the
+    ground or the foot is none of the model's."""
     m = len(best.edges)
     cov = best.cov.copy()
     at = np.arange(len(cov))[-m:]
-    unsure = (less.times - best.times) ** 2 - np.maximum(np.diag(less.cov)[-m:] - cov[at, at], 0.0)
-    cov[at, at] += np.maximum(unsure, 0.0)
+    off, chance = (less.times - best.times) ** 2, np.maximum(np.diag(less.cov)[-m:] - cov[at, at], 0.0)
+    cov[at, at] += np.where(off > DOUBT**2 * chance, off - chance, 0.0)
     return replace(best, cov=cov)
 
 
 def quiet(piece: Piece, how: Settings) -> Piece:
     """With the noise of its samples alone, where the ring is fitted."""
-    if not how.shaken:
-        return piece
-    return replace(piece, sigma=np.sqrt(np.maximum(piece.sigma**2 - how.shaken**2, (1e-3 * piece.sigma) ** 2)))
+    return piece if how.quiet == 1.0 else replace(piece, sigma=how.quiet * piece.sigma, rho=how.rho)
 
 
 def _fitted(
@@ -186,7 +193,7 @@ def _fitted(
             asked[key] = np.hstack([*columns, added[:, 3:]]), gravity * added[:, 1] + added[:, 2]
         return asked[key]
 
-    start = _start(piece, tau, many, base, edges, np.array([first, last]) - origin, how)
+    start = _start(piece, tau, many, base, edges, np.array([first, last]) - origin, how, drive)
     if start is None:
         return None
     where, stiff, p = start
@@ -216,7 +223,14 @@ def _fitted(
     scale = [noise, noise / span, *[1.0] * free_gravity, *[noise] * beyond.free]
     scale += [piece.step] * len(edges) + [0.2] * len(edges)
     q0 = np.concatenate([p, where, np.log(stiff)])
-    fit = least_squares_fit(residual, q0, scale=scale, jacobian=jacobian)
+    tries = iter(range(TRIES))
+
+    def tried(q: Array) -> Array:
+        if next(tries, None) is None:  # what has not closed in by then has no edge there
+            raise ValueError("no fit")
+        return residual(q)
+
+    fit = least_squares_fit(tried, q0, scale=scale, jacobian=jacobian)
     if fit is None:
         return None
     q, cov, chi2 = fit
@@ -229,13 +243,24 @@ def _fitted(
     dof = n - q.size
     factor = scatter_factor(chi2, dof) ** 2
     g = (gravity + gravity_sigma * q[2], gravity_sigma * math.sqrt(cov[2, 2])) if free_gravity else (gravity, 0.0)
+    if piece.wander:  # its steps move all samples behind them
+        by = cov @ jacobian(q)[:n].T * (-math.sqrt((1.0 - piece.rho) / (1.0 + piece.rho)) / piece.sigma)
+        behind = piece.wander * np.cumsum(by[:, ::-1], axis=1)
+        cov = cov + behind @ behind.T
     left = residual(q)[:n]
     rho = float(left[1:] @ left[:-1]) / max(float(left @ left), 1e-300)
     return Sprung(origin, q[:many], origin + times, factor * cov[:keep, :keep], edges, chi2, n, g, rho=rho)
 
 
 def _start(
-    piece: Piece, tau: Array, many: int, base: Array, edges: tuple[int, ...], middle: Array, how: Settings
+    piece: Piece,
+    tau: Array,
+    many: int,
+    base: Array,
+    edges: tuple[int, ...],
+    middle: Array,
+    how: Settings,
+    drive: Drive | None,
 ) -> tuple[Array, Array, Array] | None:
     """(places from the origin, stiffnesses, linear numbers): each edge over a grid, with the half of the flight beside
     it. middle (2,): where the flight begins and ends. The damper does not matter here."""
@@ -252,7 +277,11 @@ def _start(
         linear = np.stack([np.ones(use.size), tau[use]], axis=1)
         columns = np.broadcast_to(linear, (*speed.shape, 2)).copy()
         columns[..., 1] -= side * speed
-        y = (base[use] - side * gravity * edge * speed - gravity * fall) / piece.sigma[use]
+        y = base[use] - side * gravity * edge * speed - gravity * fall
+        if drive is not None:
+            alone = Beyond(tau[use], (side,), 0.0, None, drive, 0.0)
+            y -= [alone.added(e, v)[:, 2] for e, v in zip(edge, w)]
+        y /= piece.sigma[use]
         columns /= piece.sigma[use, None]
         square, product = columns.swapaxes(1, 2) @ columns, (columns * y[..., None]).sum(axis=1)
         if use.size < 4:

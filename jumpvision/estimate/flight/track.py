@@ -17,7 +17,7 @@ from ..mean import difference_noise
 from .beyond import Drive, Ring
 from .edges import Flight, flight
 from .flights import NAN, Doubt, Flights
-from .ground import ground
+from .ground import MOST, Ground, ground
 from .motion import POWER, Motion, curvature, motion
 from .noise import with_noise
 from .piece import Piece
@@ -73,13 +73,17 @@ def track_flights(
         raise ValueError("track_flights: t must increase from sample to sample")
     if not stated:
         sigma = np.full(t.size, noise_of(h))
-    sigma = np.hypot(sigma, ripple / math.sqrt(2.0))
     drive = None if offset is None else Drive(t, np.asarray(offset, float)[good])
-    cut, noise = with_noise(
-        [Piece(t[i:j], h[i:j], sigma[i:j]) for i, j in pieces(t, max_gap)], gravity, stated or ripple > 0.0
+    cut, noise = with_noise([Piece(t[i:j], h[i:j], sigma[i:j]) for i, j in pieces(t, max_gap)], gravity, stated)
+    quiet = 1.0
+    if ripple:
+        still = float(np.median(noise.factor * sigma))
+        cut = [replace(p, sigma=np.hypot(p.sigma, ripple / math.sqrt(2.0)), rho=0.0) for p in cut]
+        cut = [replace(p, wander=0.0) for p in with_noise(cut, gravity, stated=True)[0]]  # a ring looks like one
+        quiet = still / float(np.median(np.concatenate([p.sigma for p in cut]))) if ring else 1.0
+    how = Settings(
+        gravity, gravity_sigma, shortest, ring, lag, drive=drive, quiet=quiet, rho=noise.rho, stiffness=stiffness
     )
-    shaken = noise.factor * ripple / math.sqrt(2.0) if ring else 0.0
-    how = Settings(gravity, gravity_sigma, shortest, ring, lag, drive=drive, shaken=shaken, stiffness=stiffness)
     whole, warned = as_filmed(cut, how)
     if stated and noise.factor > GROSS:
         said = (
@@ -178,7 +182,7 @@ def flights_in(piece: Piece, how: Settings) -> tuple[Motion, list[Flight]]:
     if piece.t.size < FEWEST:
         return Motion(piece, [], [], {}), []
     m = motion(piece, how.gravity)
-    under = ground(m)
+    under = Ground() if how.slow(piece.step) else ground(m, how.gravity)
     flying = [flight(m, k, how, under) for k, part in enumerate(m.parts) if part.kind == FLIGHT]
     return m, [f for f in flying if flies(m.piece, f, how) and duration(m.piece, f) >= how.shortest]
 
@@ -202,17 +206,17 @@ def duration(piece: Piece, f: Flight) -> float:
 def collected(found: list[tuple[Motion, Flight]]) -> Flights:
     """As arrays."""
     n = len(found)
-    table, covariance, shared = np.full((n, 4), NAN), np.zeros(n), np.zeros((n, 2))
+    table, covariance, shared = np.full((n, 4), NAN), np.zeros(n), np.zeros((n, min(MOST, max(n - 1, 0))))
     for a, (whole, f) in enumerate(found):
         for k, e in enumerate(f.edges):
             if e is not None:
                 table[a, 2 * k : 2 * k + 2] = e.time, math.sqrt(e.variance)
         covariance[a] = f.covariance(0, f, 1)
-        for lag in (1, 2):
+        for lag in range(1, shared.shape[1] + 1):
             if a + lag < n and found[a + lag][0] is whole:
-                other = found[a + lag][1]
-                signs = {(0, 0): 1.0, (0, 1): -1.0, (1, 0): -1.0, (1, 1): 1.0}
-                shared[a, lag - 1] = sum(s * f.covariance(i, other, j) for (i, j), s in signs.items())
+                shared[a, lag - 1] = f.times_together(found[a + lag][1])
+            if lag > 1 and not shared[a, lag - 1]:  # not of one train of bounces
+                break
     bends = np.array([f.curvature for _, f in found]).reshape(-1, 2)
     kinds = tuple((_kind(f, 0), _kind(f, 1)) for _, f in found)
     up, up_sigma, down, down_sigma = table.T.copy()
