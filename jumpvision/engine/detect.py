@@ -165,14 +165,17 @@ def detect(problem: Problem, fit: Fit, found: Sequence[Direction], rng: np.rando
     p_chi2 = float(scipy.stats.norm.sf(math.log(chi2 / dof) / spread + 0.5 * spread)) if chi2 > 0 else 1.0
     score, tau = np.array([d.vector @ residual for d in found]), noise.log_sigma
     p_score = 1.0
-    if found:
-        top = float(np.max(np.abs(score)))
-        beyond = int(np.sum(largest([d.vector for d in found], rng, tau) >= top))
+    # what was chosen because these residuals show it is no test of them
+    candidates = problem.system.candidates
+    asked = [k for k, d in enumerate(found) if d.mechanism not in candidates or candidates[d.mechanism].price == 0.0]
+    if asked:
+        top = float(np.max(np.abs(score[asked])))
+        beyond = int(np.sum(largest([found[k].vector for k in asked], rng, tau) >= top))
         p_score = (beyond + 1) / (DRAWS + 1)
         if beyond < 20:  # beyond the draws: the sum over directions bounds it, with the same doubt about the noise
             grid, weight = np.polynomial.hermite_e.hermegauss(31)
             tails = 2.0 * scipy.stats.norm.sf(top / np.exp(0.5 * tau * grid))
-            p_score = min(p_score, float(len(found) * (weight @ tails) / weight.sum()))
+            p_score = min(p_score, float(len(asked) * (weight @ tails) / weight.sum()))
     p = min(1.0, 2.0 * min(p_chi2, p_score))
     return Detection(p, p_chi2, p_score, chi2 / dof, tuple(found), score)
 

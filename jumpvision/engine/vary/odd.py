@@ -26,7 +26,7 @@ SHARE = 6  # one recording in so many may stand apart
 HALF = 0.5  # of the excess of chi^2 that must go with each recording left out, or they are not a few odd ones
 FACTORS = (10.0, 0.1, 100.0, 0.01, 1000.0, 1e-3, 2.0, 0.5, 2.0 * math.pi, 0.5 / math.pi, 9.81, 1.0 / 9.81)  # of a slip
 FEW = 6  # numbers that are tried two by two: those that alone do best
-SINGLE = 1e-3  # chance below which a recording is not described by its numbers
+SINGLE = 1e-3  # chance below which a recording stands apart, or is not described by its numbers
 LAPS = 12
 
 
@@ -74,6 +74,8 @@ def odd_ones(problem: Problem, fit: Fit, rng: np.random.Generator) -> Odd | None
     excess = fit.chi2 - problem.n
     for _ in range(min(4, count // SHARE)):
         worst = max((i for i in range(count) if i not in members), key=lambda i: _fall(rest, i))
+        if not _strange(problem, worst, _fall(rest, worst)):
+            return None
         members.append(worst)
         part = problem.asked_of(set_aside(problem.system, members))
         again = part.fit(fit.mechanisms, rest.named)
@@ -100,6 +102,14 @@ def command_of(problem: Problem, fit: Fit, i: int) -> int | None:
             r = problem.whitening[i].whitened(observations[i].y - y, alone.frame)
             best = min(best, (float(r @ r), j))
     return best[1] if scipy.stats.chi2.sf(best[0], n) > SINGLE else None
+
+
+def _strange(problem: Problem, i: int, fall: float) -> bool:
+    """Whether a recording's chi^2 is larger than noise makes any of them, whose size and tails are as it was learned."""
+    n, noise = problem.system.observations[i].independent, problem.noise
+    spread = math.sqrt((noise.kurtosis - 1.0) / max(n, 1) + noise.log_power**2)
+    z = math.log(max(fall, 1e-300) / max(n, 1)) / spread
+    return len(problem.all) * float(scipy.stats.norm.sf(z)) < SINGLE
 
 
 def _fall(fit: Fit, i: int) -> float:
