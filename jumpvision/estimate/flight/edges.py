@@ -13,12 +13,11 @@ from .ground import Ground
 from .motion import POWER, Motion, Part, curvature, price, pushed, turning
 from .piece import Line, Piece, Source, crossing, moves, polynomial, root_of
 from .segments import FLIGHT, NUMBERS, REST
-from .spring import SHRUNK, Settings, Sprung, quiet, sprung, swings, well
+from .spring import FREE, SHRUNK, Settings, Sprung, quiet, sprung, swings, well
 
 UNLIKE = 3.0  # sigmas by which a flight's own curvature may differ before it is fitted with it
 FEWEST = 6  # samples of a smooth motion that a flight may meet at an angle
 SOON = 0.1  # of a fall's speed that it may have after its release, where it was told from the rest
-FREE = 0.3  # of gravity: what is known of a curvature that is fitted freely
 
 
 @dataclass(frozen=True)
@@ -100,10 +99,11 @@ def flight(motion: Motion, k: int, how: Settings, under: Ground) -> Flight:
             fit, gradual = hidden, (-1, 1)
     swing = False
     if fit is not None:
-        own = _own(motion, part.i, part.j, reach, gradual, how, fit)
+        own = -fit.own[0], fit.own[1]
         if unlike(own, how):
             freely = replace(how, gravity_sigma=FREE * how.gravity)
             fit = sprung(piece, (part.i, part.j), reach, gradual, freely) or fit
+            own = -fit.own[0], fit.own[1]
         line = fit.line
         more = POWER**2 if how.fitted else 0.0
         doubtful = len(gradual) == 2 or (how.fitted and not beside)
@@ -149,18 +149,6 @@ def _border(motion: Motion, k: int, side: int) -> float:
 def unlike(own: tuple[float, float], how: Settings) -> bool:
     """Whether a curvature is another than gravity's."""
     return abs(own[0] + how.gravity) > UNLIKE * math.hypot(own[1], how.gravity_sigma)
-
-
-def _own(
-    motion: Motion, i: int, j: int, reach: tuple[int, int], gradual: tuple[int, ...], how: Settings, fit: Sprung
-) -> tuple[float, float]:
-    """The curvature of a flight with springs at its ends, fitted along with them."""
-    freely = sprung(motion.piece, (i, j), reach, gradual, replace(how, gravity_sigma=FREE * how.gravity))
-    if freely is not None:
-        return -freely.curvature[0], freely.curvature[1]
-    inside = np.flatnonzero((motion.piece.t > min(fit.times)) & (motion.piece.t < max(fit.times)))
-    lo, hi = (int(inside[0]), int(inside[-1]) + 1) if len(gradual) == 2 and inside.size > 4 else (i, j)
-    return curvature(motion.piece, lo, hi)
 
 
 def _edge(

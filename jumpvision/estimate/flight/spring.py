@@ -22,7 +22,8 @@ SHRUNK = (1.0, 0.6, 0.35, 0.2)  # of the way to the turning point, tried in turn
 POWER, STRONGEST = 3.0, 0.8  # sigmas of a correlation that is looked for, and the strongest
 DOUBT = 2.0  # sigmas by which a fit of half a contact must differ
 SLOW = 4  # samples
-TRIES = 100  # of a fit, which takes 10
+TRIES = 250  # of a fit, which takes 10
+FREE = 0.3  # of gravity: what is known of a curvature that is fitted freely
 HALF = 0.5  # of a contact, whose edges must be those of the whole
 POOR = 1e-3  # chance of chi^2 below which a contact is none of a spring
 
@@ -69,6 +70,7 @@ class Sprung:
     n: int
     curvature: tuple[float, float]
     window: tuple[int, int] = (0, 0)
+    own: tuple[float, float] = (0.0, 0.0)  # gravity and its sigma as this fit would have it
     rho: float = 0.0  # correlation of what is left from sample to sample
     wide: float = 1.0  # chi^2 with the noise that other curves are judged by, over chi2
 
@@ -179,6 +181,9 @@ def _fitted(
     base = piece.y + 0.5 * gravity * tau * tau
     asked: dict[bytes, tuple[Array, Array]] = {}
 
+    def fallen(added: Array) -> Array:
+        return np.asarray(added[:, 1] - 0.5 * tau * tau)
+
     def design(nonlinear: Array) -> tuple[Array, Array]:
         """(columns of the linear numbers, what depends on none of them); kept: it is asked for the residual and for
         its slopes."""
@@ -188,7 +193,7 @@ def _fitted(
             added = beyond.added(where, w)
             columns = [np.ones((n, 1)), (tau + added[:, 0])[:, None]]
             if free_gravity:
-                columns.append(gravity_sigma * (added[:, 1] - 0.5 * tau * tau)[:, None])
+                columns.append(gravity_sigma * fallen(added)[:, None])
             asked.clear()
             asked[key] = np.hstack([*columns, added[:, 3:]]), gravity * added[:, 1] + added[:, 2]
         return asked[key]
@@ -243,13 +248,17 @@ def _fitted(
     dof = n - q.size
     factor = scatter_factor(chi2, dof) ** 2
     g = (gravity + gravity_sigma * q[2], gravity_sigma * math.sqrt(cov[2, 2])) if free_gravity else (gravity, 0.0)
+    slopes = jacobian(q)
     if piece.wander:  # its steps move all samples behind them
-        by = cov @ jacobian(q)[:n].T * (-math.sqrt((1.0 - piece.rho) / (1.0 + piece.rho)) / piece.sigma)
+        by = cov @ slopes[:n].T * (-math.sqrt((1.0 - piece.rho) / (1.0 + piece.rho)) / piece.sigma)
         behind = piece.wander * np.cumsum(by[:, ::-1], axis=1)
         cov = cov + behind @ behind.T
-    left = residual(q)[:n]
+    left, by_gravity = residual(q)[:n], piece.white(fallen(beyond.added(times, np.exp(q[keep:]))))
+    apart = by_gravity + slopes[:n] @ (cov @ (slopes[:n].T @ -by_gravity))
+    sure = 1.0 / (float(apart @ apart) / factor + (FREE * gravity) ** -2.0)
+    own = g if free_gravity else (gravity + sure * float(apart @ left) / factor, math.sqrt(sure))
     rho = float(left[1:] @ left[:-1]) / max(float(left @ left), 1e-300)
-    return Sprung(origin, q[:many], origin + times, factor * cov[:keep, :keep], edges, chi2, n, g, rho=rho)
+    return Sprung(origin, q[:many], origin + times, factor * cov[:keep, :keep], edges, chi2, n, g, own=own, rho=rho)
 
 
 def _start(
