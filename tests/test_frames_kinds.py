@@ -228,3 +228,13 @@ def test_marks_outside_a_turned_film_are_refused(tmp_path, capsys):
     assert main(["check", str(tmp_path)]) == 2
     said = " ".join(capsys.readouterr().err.split())
     assert "mark 2 = 27, 15 (column, row) lies outside [grain_video] of 20 x 30 px: give axes" in said
+
+
+@pytest.mark.parametrize("rate", [240, 1000])
+def test_a_frame_that_an_ffv1_film_lost_is_told(tmp_path, rate):
+    """Stamps of whole milliseconds: at 1000 Hz a lost frame moves them by no more than rounding may."""
+    numbers = [k for k in range(60) if k != 12]
+    path = write_film(tmp_path / "film.mkv", moving(59), "ffv1", "gray", rate=rate, pts=numbers)
+    with open_frames(path) as film:
+        assert film.time == pytest.approx(np.array(numbers) / rate, abs=1e-12)
+        assert any("1 frame is missing by the time stamps, first after frame 11" in w for w in film.warnings)

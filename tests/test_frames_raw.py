@@ -461,3 +461,12 @@ def test_damage_gives_frames_or_a_frame_error(tmp_path, name):
         assert clock.perf_counter() - began < 3
     assert read + refused == 300
     assert refused > 0  # the damage did reach what matters
+
+
+def test_a_cine_whose_last_time_is_damaged_is_told(tmp_path):
+    """It ended at 2.5e7 s, and so did the field that was made of it."""
+    stamps = 1_270_000_000 + 2.0**-10 * np.arange(12)
+    stamps[-1] += 2.5e7
+    path = write_cine(tmp_path / "film.cine", grey_film(12, 8), bits=8, stamps=stamps, rate=1024)
+    with open_frames(path) as film:
+        assert any("leap by 2.5e+07 s after frame 10" in w and "clock = 'declared'" in w for w in film.warnings)

@@ -130,10 +130,12 @@ def clock(
     frame_rate: float | None,
     stamps: NDArray[np.float64] | None = None,
     positions: NDArray[np.float64] | None = None,
+    exact: bool = False,
 ) -> Clock:
     """Times of n frames [s]: `start` plus the file's `stamps` (from its first frame) [s], else positions / frame_rate.
 
-    frame_rate: declared [Hz] or None. positions: (n,) frame numbers where some are missing, default 0 .. n-1.
+    frame_rate: declared [Hz] or None. positions: (n,) frame numbers where some are missing, default 0 .. n-1. exact:
+    the stamps lie on an even grid, they are not rounded.
     The file's stamps win over a declared rate unless they do not increase. Raises FrameError when there is no clock.
     """
     warnings = []
@@ -148,7 +150,7 @@ def clock(
                         f"{path}: frame_rate = {frame_rate:g} Hz is declared, but the file's own time stamps give "
                         f"{recorded:g} Hz; the file's are used (a film saved at playback rate: clock = 'declared')"
                     )
-            return Clock(start + stamps, "file", warnings + uneven(path, stamps))
+            return Clock(start + stamps, "file", warnings + uneven(path, stamps, exact))
         bad = int(np.argmax(~(step > 0))) + 1 if n > 1 else 0
         problem = f"{path}: the file's time stamps do not increase at frame {bad}"
         if frame_rate is None:
@@ -163,13 +165,14 @@ def clock(
     return Clock(start + positions / frame_rate, "declared", warnings)
 
 
-def uneven(path: Path, stamps: NDArray[np.float64]) -> list[str]:
+def uneven(path: Path, stamps: NDArray[np.float64], exact: bool = False) -> list[str]:
     """Words for (n,) increasing stamps [s] that are uneven: frames missing, a clock that leaps, a varying rate."""
     steps = np.diff(stamps)
     if steps.size < 3:
         return []
     usual = float(np.median(steps))
-    in_ms = bool(np.allclose(stamps * 1e3, np.rint(stamps * 1e3), atol=1e-6))  # rounded, as Matroska's are
+    # rounded, as Matroska's are
+    in_ms = not exact and bool(np.allclose(stamps * 1e3, np.rint(stamps * 1e3), atol=1e-6))
     # cameras jitter by less than 0.3 of the time between frames
     allowed = max(0.3 * usual, 1.01e-3 if in_ms else 0.0)
     odd = np.flatnonzero(np.abs(steps - usual) > allowed)

@@ -50,11 +50,13 @@ class Scan:
 
 @dataclass(frozen=True)
 class Timeline:
-    """ordinal: of each good frame among all that decode; time: of each [s], from the film's first slot; lost: count."""
+    """ordinal: of each good frame among all that decode; time: of each [s], from the film's first slot; lost: count.
+    exact: the times are those of an even rate, with gaps where frames are missing, not the container's rounded ones."""
 
     ordinal: NDArray[np.int64]
     time: NDArray[np.float64]
     lost: int
+    exact: bool = False
 
 
 _kept: dict[tuple[Path, int, int, int, str], Scan] = {}  # by path, size, time of change, inode and threads
@@ -169,16 +171,17 @@ def timeline(path: Path, scan: Scan) -> Timeline:
     slot = {k: s for s, k in enumerate(order)}
     ticks = np.array([stamps[k] - stamps[order[0]] for k in order], dtype=np.float64)
     time = ticks * scan.tick.numerator / scan.tick.denominator
+    exact = False
     if scan.rate > 0:
         # Stamps are rounded (MKV, WEBM: to 1 ms). An even rate that explains all within the rounding is exact, be it
         # with frames that are missing.
         for number in (np.arange(len(order)), np.rint(time * scan.rate)):
             even = number / scan.rate
             if np.abs(time - even).max() < 0.999 * scan.tick and (np.diff(number) >= 1).all():
-                time = even
+                time, exact = even, True
                 break
     at = np.array([slot[k] for k in packets], dtype=np.int64)
-    return Timeline(np.array(good, dtype=np.int64), time[at], len(order) - len(good))
+    return Timeline(np.array(good, dtype=np.int64), time[at], len(order) - len(good), exact)
 
 
 def spoiled(pts: Sequence[int], key: Sequence[bool], broken: set[int]) -> set[int]:

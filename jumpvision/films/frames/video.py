@@ -68,6 +68,7 @@ class VideoFilm(Film):
         if scan.rotation % 360:
             warnings.append(f"{path}: asks players to turn it by {scan.rotation} degrees; the frames come as stored")
         height, width, name = next(iter(scan.kinds))
+        n = len(self._ordinal)
         import av
 
         dtype, depth = grey_type(av.VideoFormat(name))
@@ -78,7 +79,7 @@ class VideoFilm(Film):
             path,
             shape=(height, width),
             dtype=dtype,
-            clock=clock(path, len(self._ordinal), start=start, frame_rate=frame_rate, stamps=line.time),
+            clock=clock(path, n, start=start, frame_rate=frame_rate, stamps=line.time, exact=line.exact),
             warnings=warnings,
             meta=meta,
         )
