@@ -262,7 +262,7 @@ def outcome(done: Run, *, as_json: bool) -> None:
     elif not done.told:
         tables(campaign, outcomes, diagnosis)
     for o in outcomes:
-        for text in o.warnings:
+        for text in o.said:
             line(f"warning: {o.name}: {text}")
     older = {o.name: o.older for o in outcomes if o.older}
     if older:

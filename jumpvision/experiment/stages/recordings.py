@@ -58,7 +58,7 @@ def open_film(section: RodVideo | GrainVideo, seen: Callable[[Image], None] | No
             f'[{section.name}] truncated = "accept" to use the {len(film)} whole frames'
         )
     for text in film.warnings:
-        warnings.warn(text, StageWarning, stacklevel=3)
+        warnings.warn(StageWarning("frames", text, section.name), stacklevel=3)
     return film
 
 
@@ -176,7 +176,7 @@ def open_pictures(section: BedImage | CraterImage) -> Film:
     """One picture or a series of them, on their own clock (frame_rate, else one a second)."""
     film = open_frames(section.path, frame_rate=getattr(section, "frame_rate", None) or 1.0)
     for text in film.warnings if len(film) > 1 else ():
-        warnings.warn(text, StageWarning, stacklevel=3)
+        warnings.warn(StageWarning("frames", text, section.name), stacklevel=3)
     return film
 
 
@@ -192,11 +192,8 @@ def view_of(calibration: Calibration | None, section: Filmed, shape: tuple[int, 
     """The camera; the distortion centre defaults to the image centre, the rail's tilt is that of the rod film alone."""
     view = bare_view(calibration, section, ((shape[1] - 1) / 2, (shape[0] - 1) / 2))
     if view.residual_px > 2.0:  # px rms: beyond, a wrong mark is more likely than a careless click
-        warnings.warn(
-            f"[calibration] marks miss their places in [{section.name}] by {view.residual_px:.1f} px rms: check them",
-            StageWarning,
-            stacklevel=3,
-        )
+        said = f"[calibration] marks miss their places in [{section.name}] by {view.residual_px:.1f} px rms: check them"
+        warnings.warn(StageWarning("place", said, "calibration", {"rms_px": view.residual_px}), stacklevel=3)
     return view
 
 
