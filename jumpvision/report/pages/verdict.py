@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from jumpvision.base.numbers import said
 from jumpvision.engine.document.diagnosis import Diagnosis, strength
 from jumpvision.experiment.campaign.truth import Truth, true_parameters
 from jumpvision.jumper.mechanisms.registry import PARAMETERS
@@ -49,8 +50,8 @@ def causes_shown(d: Diagnosis, truth: Truth | None = None) -> list[dict[str, str
     return [
         {
             "mechanism": " and ".join(mechanism_said(d, m) for m in c.mechanisms),
-            "probability": "< 0.001" if c.probability < 5e-4 else f"{c.probability:.3f}",
-            "gain": typeset(f"{c.delta_score:.3g}"),
+            "probability": "< 0.001" if c.probability < 5e-4 else said(c.probability, ".3f"),
+            "gain": typeset(said(c.delta_score)),
             "words": typeset(c.words),
             "meanings": typeset("; ".join(f"{n}: {PARAMETERS[n].meaning}" for n in c.parameters if n in PARAMETERS)),
             "true": typeset(true_parameters(c, truth)) if truth and d.names(c) else "",
