@@ -7,7 +7,7 @@ import inspect
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from jumpvision.base.schema import table_of
+from jumpvision.base.schema import KINDS, table_of
 from jumpvision.experiment.inputs.parameters import PARAMS
 from jumpvision.experiment.inputs.sections import SECTIONS, Header, RobotSigma, Section
 from jumpvision.experiment.workflow.stage import Input, results_stages
@@ -83,6 +83,8 @@ def text() -> str:
         "`[model.laws]` laws of the bed against its volume fraction (granular.md).",
         rows(mechanisms()),
         rows(table_of(ModelParameters)),
+        "## Kinds of warnings",
+        rows([{"kind": k, "of what": what} for k, what in KINDS.items()]),
         "## Film formats\n\nOf every `file` above that is a film or a picture; also a folder of pictures, or a "
         "pattern such as `frames/*.png`.",
         rows(films()),

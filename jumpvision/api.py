@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import jumpvision
 from jumpvision.base.record import Record
-from jumpvision.base.schema import InputError
+from jumpvision.base.schema import InputError, StageWarning
 from jumpvision.experiment.campaign.folder import Run, results_of, run_folder
 from jumpvision.experiment.inputs.experiment import Campaign, Experiment, open_folder
 from jumpvision.experiment.inputs.overrides import overrides_of
@@ -105,7 +105,7 @@ def run(folder: Folder, *, results: PathLike | None = None, workers: int = 1, pi
 
     done = _run(folder, Plan, results, workers, pictures=pictures)
     for o in done.outcomes:
-        for text in o.warnings:
+        for text in o.said:
             warnings.warn(f"{o.name}: {text}", stacklevel=2)
     return pd.DataFrame([r.cells() for r in done.rows])
 
@@ -222,8 +222,9 @@ def _make(folder: Folder, output: type[R], results: PathLike | None) -> R:
     for text in settle(workspace, f"jumpvision.{STAGES[output].name}()"):
         warnings.warn(text, stacklevel=3)
     for step in workspace.steps:
-        for text in step.warnings:
-            warnings.warn(f"{step.stage}: {text}", stacklevel=3)
+        for w in step.warnings:
+            said = f"{step.stage}: {w['message']}"
+            warnings.warn(StageWarning(w["kind"], said, w["recording"], w["values"]), stacklevel=3)
     object.__setattr__(record, "pictures", partial(_pictures, experiment, output, *_places(experiment, results)))
     return record
 

@@ -6,7 +6,9 @@ contact log of the same instants, and each with one slip of the hand.
 
 from __future__ import annotations
 
+import json
 import math
+import pickle
 import shutil
 
 import numpy as np
@@ -14,7 +16,7 @@ import pandas as pd
 import pytest
 from conftest import SAMPLES
 
-from jumpvision.base.schema import InputError
+from jumpvision.base.schema import InputError, StageWarning
 from jumpvision.cli import main
 from jumpvision.experiment.inputs.experiment import open_folder
 from jumpvision.experiment.inputs.sections import Actuation
@@ -53,15 +55,15 @@ def contact_of(t, flights):
 
 def doubts(t, h, clock, touches, noise=5e-5):
     motion = Motion(t, h, np.full(t.size, noise), G)
-    return [d.kind for d in cross_checks("rod_track", motion, (clock, touches), None, None)]
+    return [(d.kind, d.recording) for d in cross_checks("rod_track", motion, (clock, touches), None, None)]
 
 
 SLIPS = {
-    "inverted": (lambda t, h, c, x: (t, h, c, 1.0 - x), "contact log inverted"),
-    "times in ms": (lambda t, h, c, x: (t, h, 1e3 * c, x), "contact log in another unit of time"),
-    "late by 0.3 s": (lambda t, h, c, x: (t, h, c + 0.3, x), "contact log on another clock"),
-    "upside down": (lambda t, h, c, x: (t, -h, c, x), "upside down"),
-    "a clock that runs 12 % fast": (lambda t, h, c, x: (t, h, REST + (c - REST) * 1.12, x), "flight times differ"),
+    "inverted": (lambda t, h, c, x: (t, h, c, 1.0 - x), ("sign", "contact_log")),
+    "times in ms": (lambda t, h, c, x: (t, h, 1e3 * c, x), ("unit", "contact_log")),
+    "late by 0.3 s": (lambda t, h, c, x: (t, h, c + 0.3, x), ("clock", "contact_log")),
+    "upside down": (lambda t, h, c, x: (t, -h, c, x), ("sign", "rod_track")),
+    "a clock that runs 12 % fast": (lambda t, h, c, x: (t, h, REST + (c - REST) * 1.12, x), ("differs", "contact_log")),
 }
 
 
@@ -90,7 +92,7 @@ def test_a_log_of_the_other_sign_is_named(kind):
     t = np.arange(0.0, 1.0, 1e-3)
     turn = 2.0 * math.pi * 6.0 * np.clip(t - 0.2, 0.0, 1.0 / 6.0) + law.start_phase
     x = 0.01 * (np.sin(turn) - math.sin(law.start_phase)) + np.random.default_rng(1).normal(0.0, 5e-5, t.size)
-    assert [d.kind for d in driven(law, t, -x)] == ["motor log negated"]
+    assert [d.kind for d in driven(law, t, -x)] == ["sign"]
     assert list(driven(law, t, x)) == []
 
 
@@ -109,24 +111,60 @@ def test_check_and_run_say_the_same(campaign, tmp_path, capsys):
     table = pd.read_csv(file)
     table.assign(height_m=-table.height_m).to_csv(file, index=False)
     said = []
-    for command in ("check", "fit"):
+    for command in ("check", "doubts"):
         assert main([command, str(campaign), "--results", str(tmp_path / "r"), "--no-pictures"]) == 0
-        lines = capsys.readouterr().err.splitlines()
-        (line,) = {
-            x.replace(": fit: ", ": ") for x in lines if "in free flight the height is accelerated by +9.81" in x
-        }
+        lines = [x.replace(": doubts: ", ": ") for x in capsys.readouterr().err.splitlines()]
+        (line,) = {x for x in lines if "in free flight the height is accelerated by +9.81" in x}
         said.append(line)
     assert said[0] == said[1] and "single-6.5Hz-1" in said[0] and 'up = "+y"' in said[0]
 
 
+def test_a_warning_is_data_in_every_file_that_tells_of_it(campaign, tmp_path, capsys):
+    file = campaign / "single-6.5Hz-1" / "rod_track.csv"
+    table = pd.read_csv(file)
+    table.assign(height_m=-table.height_m).to_csv(file, index=False)
+    shutil.copytree(campaign / "single-6.5Hz-2", campaign / "copy")
+    results = tmp_path / "r"
+    assert main(["check", str(campaign), "--json"]) == 0
+    checked = json.loads(capsys.readouterr().out)["warnings"]
+    assert {(w["experiment"], w["kind"]) for w in checked} >= {("single-6.5Hz-1", "sign"), ("copy", "copy")}
+    assert all(w.keys() == {"experiment", "kind", "message", "recording", "values"} for w in checked)
+    for _ in range(2):  # computed, then from the cache
+        main(["run", str(campaign), "--results", str(results), "--no-pictures", "--workers", "1"])
+        told = json.loads((results / "campaign.json").read_text())["warnings"]
+        assert all(w in told for w in checked)
+        rows = pd.read_csv(results / "jumps.csv", index_col="experiment")
+        page = (results / "report.html").read_text()
+        for name in ("single-6.5Hz-1", "single-6.5Hz-2", "copy"):
+            own = [{k: v for k, v in w.items() if k != "experiment"} for w in told if w["experiment"] == name]
+            summary = json.loads((results / name / "summary.json").read_text())["warnings"]
+            assert summary == [w for w in own if w["kind"] != "copy"]
+            assert rows.warnings[name] == len(own)
+        head = page.partition("</header>")[0]
+        assert 'id="warned"' in head and "the height is accelerated by +9.81" in head
+        before = (results / "single-6.5Hz-1" / "summary.json").read_bytes()
+        main(["fit", str(campaign), "--results", str(results), "--no-pictures", "--workers", "1"])
+        assert (results / "single-6.5Hz-1" / "summary.json").read_bytes() == before
+        assert json.loads((results / "campaign.json").read_text())["warnings"] == told
+
+
+def test_a_warning_is_of_a_known_kind():
+    with pytest.raises(ValueError, match="did you mean 'clock'"):
+        StageWarning("clocks", "text")
+    told = pickle.loads(pickle.dumps(StageWarning("clock", "text", "rod_video", {"a_s": 1.0, "b_s": math.nan}))).told
+    assert told == {"kind": "clock", "message": "text", "recording": "rod_video", "values": {"a_s": 1.0}}
+
+
 def test_a_copied_experiment_is_told(campaign, tmp_path, capsys):
-    assert list(repeated(open_folder(campaign).experiments)) == []
+    assert repeated(open_folder(campaign).experiments) == {}
     shutil.copytree(campaign / "single-6.5Hz-1", campaign / "copy")
-    (doubt,) = repeated(open_folder(campaign).experiments)
-    assert "copy and single-6.5Hz-1" in str(doubt) and doubt.recording == "rod_track"
+    twice = repeated(open_folder(campaign).experiments)
+    assert twice.keys() == {"copy", "single-6.5Hz-1"}
+    (doubt,) = twice["copy"]
+    assert "is the recording of single-6.5Hz-1 too" in str(doubt) and doubt.recording == "rod_track"
     for command in ("check", "bed"):
         main([command, str(campaign), "--results", str(tmp_path / "r"), "--no-pictures"])
-        assert f"warning: {doubt}" in capsys.readouterr().err
+        assert f"warning: copy: {doubt}" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -121,11 +121,11 @@ def test_a_wrong_scale_is_said_with_its_curvature(scale, told):
     t, h, down = throw(500)
     f = found(t, scale * h + rng.normal(0.0, 5e-5, t.size), np.full(t.size, 5e-5))
     assert len(f) == 1 and f.time[0] == pytest.approx(down - 0.4, abs=1e-3)
-    assert [d.kind for d in f.doubts] == ["curvature"] * told
+    assert [d.kind for d in f.doubts] == ["scale"] * told
     if told:
-        bend, sigma, gravity = f.doubts[0].values
+        bend, sigma, gravity = f.doubts[0].values.values()
         assert gravity == G and abs(bend - scale * G) < 4.0 * sigma
-        assert f"not {G:g}: scale, frame rate or tilt" in f.doubts[0].message
+        assert f"not {G:g}: scale, frame rate or tilt" in str(f.doubts[0])
 
 
 def test_a_sigma_that_the_track_contradicts_is_widened_and_said():

@@ -139,7 +139,7 @@ def test_check_warns_with_the_numbers(tmp_path, capsys):
     assert found["fluidisation"]["onset_wu_m_s"] == pytest.approx(0.395, abs=0.001)
     data, err = check(tmp_path, capsys, BED.replace("width = 0.56", "width = 0.3").replace("2500", "900")
                       .replace("2300", "800").replace("1800", "600"))  # fmt: skip
-    said = " ".join(data["warnings"])
+    said = " ".join(w["message"] for w in data["warnings"])
     assert "3.94 foot diameters" in said and "112 mm" in said and "fan works at" in said
     assert err.count("warning: ") == 3
     assert check(tmp_path, capsys, "[robot]\nfoot_radius = 0.03\n")[0]["geometry"] == {}

@@ -52,7 +52,7 @@ def toy_stages(monkeypatch):
     def fit(log: MotorLog, *, p: FitParams) -> First:
         CALLS.append("first")
         if p.debounce == 0.05:
-            warnings.warn("long debounce", StageWarning, stacklevel=2)
+            warnings.warn(StageWarning("noise", "long debounce"), stacklevel=2)
         return First({"rows": len(log.path.read_text().splitlines()), "debounce": p.debounce})
 
     def second(first: First, law: Actuation | None) -> Second:
@@ -188,7 +188,7 @@ def test_a_lost_result_file_is_put_back(lab):
 def test_warnings_stay_with_the_result(lab):
     for _ in range(2):
         w = lab.make(params={"fit": {"debounce": 0.05}})[2]
-        assert next(s.warnings for s in w.steps) == ["long debounce"]
+        assert [t["message"] for t in w.steps[0].warnings] == ["long debounce"]
 
 
 def test_a_missing_section_is_named(lab):

@@ -176,7 +176,17 @@ def pages(tmp_path_factory):
     campaign, outcomes, results = campaign_of(folder, picture=png())
     grains_into(outcomes[1].results)
     rows = jumps_table(campaign, outcomes)
-    outcomes[0].steps.append(Step("track", "computed", 0.0, ["<script>alert(1)</script>"], "", {}, {}))
+    outcomes[0].steps.append(
+        Step(
+            "track",
+            "computed",
+            0.0,
+            [{"kind": "frames", "message": "<script>alert(1)</script>", "recording": "", "values": {}}],
+            "",
+            {},
+            {},
+        )
+    )
     write_report(campaign, outcomes, rows, results, single=False, diagnosis=diagnosis_of(rows))
     return results
 

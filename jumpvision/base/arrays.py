@@ -20,7 +20,7 @@ Z90, Z95 = 1.645, 1.960  # half widths of 90 % and 95 % intervals of a normal er
 
 def measured(value: float | None, sigma: float | None, factor: float = 1.0) -> str:
     """`12.34 ± 0.05`: two significant figures of the uncertainty; "" when unknown."""
-    if value is None:
+    if value is None or not math.isfinite(value):
         return ""
     if not sigma or not math.isfinite(sigma):
         return plain_number(value, factor)
@@ -29,17 +29,17 @@ def measured(value: float | None, sigma: float | None, factor: float = 1.0) -> s
 
 def plain_number(value: float | None, factor: float = 1.0) -> str:
     """Four significant figures, a whole number as it is; "" when unknown."""
-    if value is None:
+    if value is None or not math.isfinite(value):
         return ""
     scaled = value * factor
-    if scaled and math.isfinite(scaled) and not 1e-3 <= abs(scaled) < 1e5:
+    if scaled and not 1e-3 <= abs(scaled) < 1e5:
         return f"{scaled:.3e}"
     return f"{scaled:#.4g}".rstrip(".") if abs(scaled) < 1e4 else f"{scaled:.0f}"
 
 
 def with_digits_of(value: float, sigma: float | None, factor: float = 1.0) -> str:
     """A value to the second figure of an uncertainty, to stand beside what has it."""
-    if not sigma or not math.isfinite(sigma):
+    if not sigma or not math.isfinite(sigma) or not math.isfinite(value):
         return plain_number(value, factor)
     power = int(f"{sigma * factor:.1e}".partition("e")[2])  # of the rounded sigma: 0.0998 is 0.10
     return f"{round(value * factor, 1 - power) + 0.0:.{max(0, 1 - power)}f}"

@@ -12,10 +12,11 @@ import difflib
 import functools
 import math
 import types
+import warnings
 from collections.abc import Iterable, Mapping
 from datetime import datetime
 from pathlib import Path
-from typing import Any, ClassVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, ClassVar, TypedDict, Union, get_args, get_origin, get_type_hints
 
 REQUIRED = dataclasses.MISSING
 Toml = Mapping[str, Any]  # a table as TOML has it: text, numbers, lists and tables by key
@@ -32,24 +33,64 @@ class InputError(ValueError):
         return (type(self), (self.problems,))
 
 
+KINDS: Mapping[str, str] = {
+    "unit": "a value that is right in another unit",
+    "sign": "upside down, negated, or 0 and 1 exchanged",
+    "clock": "recordings that do not meet in time, or run at different rates",
+    "scale": "a motion too fast or too slow for gravity: scale, frame rate or tilt",
+    "differs": "two recordings, or a recording and what is declared, tell different values",
+    "copy": "the same recording twice",
+    "place": "marks, feet or floors outside the picture, or off their places",
+    "name": "a folder that is named after another jump",
+    "walls": "a bed too small for its foot",
+    "frames": "frames, columns or partners that are lost or damaged",
+    "light": "saturated light",
+    "exposure": "motion during an exposure",
+    "noise": "more scatter than was stated",
+    "law": "data that do not follow the law fitted to them",
+    "range": "a law used beyond what it was measured for",
+    "missing": "what is not given, and what is done without it",
+    "cache": "an entry of the cache that was damaged",
+}
+
+
+class Told(TypedDict):
+    """A warning as files hold it. kind: of KINDS; recording: the section that is the likely cause, or ""; values: the
+    numbers compared, by names that end in their units."""
+
+    kind: str
+    message: str
+    recording: str
+    values: Mapping[str, float]
+
+
 class StageWarning(UserWarning):
     """Something a user should know about a result that stands all the same: of a stage, which keeps it with the result,
-    or of a function of arrays."""
+    or of a function of arrays.
 
-
-class Doubt(StageWarning):
-    """Two recordings, or a recording and what is declared, that contradict each other.
-
-    kind: in two or three words; recording: the section that is the likely cause; values: the numbers compared, their
-    units in their names.
+    kind, recording, values: as in `Told`. Raises ValueError for another kind.
     """
 
     def __init__(self, kind: str, message: str, recording: str = "", values: Mapping[str, float] = {}) -> None:
+        if kind not in KINDS:
+            raise ValueError(f"a warning of kind {kind!r}{closest(kind, KINDS)}")
         super().__init__(message)
         self.kind, self.recording, self.values = kind, recording, dict(values)
 
     def __reduce__(self) -> tuple[object, ...]:  # between processes
-        return Doubt, (self.kind, str(self), self.recording, self.values)
+        return StageWarning, (self.kind, str(self), self.recording, self.values)
+
+    @property
+    def told(self) -> Told:
+        """As files hold it, without values that are not finite."""
+        values = {k: float(v) for k, v in self.values.items() if math.isfinite(v)}
+        return {"kind": self.kind, "message": str(self), "recording": self.recording, "values": values}
+
+
+def told_in(caught: Iterable[warnings.WarningMessage]) -> list[Told]:
+    """The stage warnings among what was caught, each once."""
+    found = [w.message.told for w in caught if isinstance(w.message, StageWarning)]
+    return [t for i, t in enumerate(found) if t not in found[:i]]
 
 
 def harmless(text: str) -> str:

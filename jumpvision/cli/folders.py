@@ -116,8 +116,9 @@ def _say_repeated(campaign: Campaign) -> None:
 
     from . import terminal
 
-    for doubt in repeated(campaign.experiments):
-        terminal.line(f"warning: {doubt}")
+    for name, doubts in repeated(campaign.experiments).items():
+        for doubt in doubts:
+            terminal.line(f"warning: {name}: {doubt}")
 
 
 def show(done: Run, options: Options, *, page: bool = False) -> int:
@@ -137,7 +138,13 @@ def show(done: Run, options: Options, *, page: bool = False) -> int:
 
         done.files.append(
             write_report(
-                done.campaign, done.outcomes, done.rows, done.plan.results, single=done.single, diagnosis=done.diagnosis
+                done.campaign,
+                done.outcomes,
+                done.rows,
+                done.plan.results,
+                single=done.single,
+                warned=done.warnings,
+                diagnosis=done.diagnosis,
             )
         )
     terminal.outcome(done, as_json=options.json)
@@ -294,20 +301,19 @@ def check(path: Path, /, *, options: Options = OPTIONS) -> int:
     rows = [{"experiment": e.name, "ground": e.ground, "sections": ", ".join(e.sections)} for e in campaign.experiments]
     rows += [{"experiment": n, "ground": "", "sections": f"excluded: {why}"} for n, why in campaign.excluded.items()]
     from jumpvision.base.schema import InputError
+    from jumpvision.experiment.campaign.folder import warnings_of
     from jumpvision.experiment.inputs.experiment import exact_scales
     from jumpvision.experiment.stages.bed.geometry import check_geometry
-    from jumpvision.experiment.stages.crosschecks import repeated
     from jumpvision.experiment.stages.preflight import preflight
 
     before = {e.name: preflight(e) for e in campaign.experiments}
-    odd = [f"{n}: {text}" for n, (_, texts) in before.items() for text in texts]
     if problems := [p for found, _ in before.values() for p in found]:
-        for text in odd:
-            terminal.line(f"warning: {text}")
+        for name, (_, told) in before.items():
+            for w in told:
+                terminal.line(f"warning: {name}: {w['message']}")
         raise InputError(problems)
     found = {e.name: check_geometry(e) for e in campaign.experiments}
-    twice = map(str, repeated(campaign.experiments))
-    notes = [*odd, *(f"{n}: {text}" for n, (_, texts) in found.items() for text in texts), *twice]
+    notes = warnings_of(campaign, {n: [*before[n][1], *told] for n, (_, told) in found.items()})
     numbers = {n: values for n, (values, _) in found.items() if values is not None}
     exact = [text for text in (exact_scales(campaign.experiments),) if text]
     data = {
@@ -321,8 +327,8 @@ def check(path: Path, /, *, options: Options = OPTIONS) -> int:
     terminal.result(data, rows, as_json=options.json)
     if not options.json:
         terminal.geometry(numbers)
-    for text in notes:
-        terminal.line(f"warning: {text}")
+    for note in notes:
+        terminal.line(f"warning: {note['experiment']}: {note['message']}")
     for text in exact:
         terminal.line(f"note: {text}")
     return DONE

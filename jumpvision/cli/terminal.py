@@ -11,6 +11,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
+from jumpvision.base.numbers import between, said
 from jumpvision.base.progress import HOOK, setting
 from jumpvision.base.record import plain
 from jumpvision.base.schema import harmless
@@ -194,7 +195,7 @@ def diagnosis(found: Diagnosis, campaign: Campaign, made: list[Path], *, as_json
         {
             "mechanism": " + ".join(c.mechanisms),
             "probability": chance(c.probability),
-            "held-out gain": f"{c.delta_score:.0f}",
+            "held-out gain": said(c.delta_score, ".0f"),
             "parameters (90 %)": c.words,
         }
         for c in found.models
@@ -203,24 +204,22 @@ def diagnosis(found: Diagnosis, campaign: Campaign, made: list[Path], *, as_json
         print()
         table(rows)
     if found.runs:
-        line(f"simulations: {found.runs.made} made, {found.runs.kept} kept from before, {found.runs.seconds:.3g} s")
+        line(f"simulations: {found.runs.made} made, {found.runs.kept} kept from before, {said(found.runs.seconds)} s")
     if (g := found.gain) and found.unit:
         unit = {"1": "", "noise": " noise"}.get(found.unit, f" {found.unit}")
         line(
-            f"held out: {g.rmse_track_before_m:.3g} -> {g.rmse_track_after_m:.3g}{unit} rms; ratio {g.ratio:.1f} "
-            f"({g.ratio_ci95[0]:.1f} to {g.ratio_ci95[1]:.1f})"
+            f"held out: {said(g.rmse_track_before_m)} -> {said(g.rmse_track_after_m)}{unit} rms; "
+            f"ratio {said(g.ratio, '.1f')}{between(*g.ratio_ci95, '.1f')}"
         )
     elif g:
-        line(
-            f"held out: track {1e3 * g.rmse_track_before_m:.3f} -> {1e3 * g.rmse_track_after_m:.3f} mm, heights "
-            f"{1e3 * g.rmse_height_before_m:.2f} -> {1e3 * g.rmse_height_after_m:.2f} mm rms; "
-            f"ratio {g.ratio:.1f} ({g.ratio_ci95[0]:.1f} to {g.ratio_ci95[1]:.1f})"
-        )
+        track = f"{said(g.rmse_track_before_m, '.3f', 1e3)} -> {said(g.rmse_track_after_m, '.3f', 1e3)} mm"
+        heights = f"{said(g.rmse_height_before_m, '.2f', 1e3)} -> {said(g.rmse_height_after_m, '.2f', 1e3)} mm rms"
+        line(f"held out: track {track}, heights {heights}; ratio {said(g.ratio, '.1f')}{between(*g.ratio_ci95, '.1f')}")
     if found.could_hide:
         line(found.could_hide)
     if n := found.next_experiment:
         far = n.expected_log10_odds >= 6.0  # larger odds than 10^6 say nothing more
-        odds = "beyond doubt, it is expected" if far else f"odds of {10**n.expected_log10_odds:.2g} expected"
+        odds = "beyond doubt, it is expected" if far else f"odds of {said(10**n.expected_log10_odds, '.2g')} expected"
         line(f"next experiment: {n.words} separates {' from '.join(n.separates)} ({odds})")
     line("written: " + ", ".join(str(f) for f in made))
 
@@ -267,7 +266,7 @@ def outcome(done: Run, *, as_json: bool) -> None:
     elif not done.told:
         tables(campaign, outcomes, diagnosis)
     for o in outcomes:
-        for text in o.warnings:
+        for text in o.said:
             line(f"warning: {o.name}: {text}")
     older = {o.name: o.older for o in outcomes if o.older}
     if older:

@@ -46,7 +46,7 @@ def flights(
     given = columns_of(table) if height_m is None else (table, height_m, sigma_m)
     found = found_in(*given, gravity=gravity, shortest=shortest, max_gap=max_gap)
     for doubt in found.doubts:
-        warnings.warn(doubt.message, stacklevel=2)
+        warnings.warn(doubt, stacklevel=2)
     out, e = as_table(found, gravity), restitution(found, after=-math.inf)
-    out.attrs |= {"restitution": (e.value, e.sigma), "doubts": [d.message for d in found.doubts]}
+    out.attrs |= {"restitution": (e.value, e.sigma), "doubts": [str(d) for d in found.doubts]}
     return out

@@ -54,21 +54,19 @@ def decay_fits(t: Array, h: Array, sigma: Array) -> dict[str, Estimate]:
     is refused, and first of all where no law follows the record within its noise."""
     decay = decay_law(t, h, sigma, rng=np.random.default_rng(0))
     if decay.excess > MISFIT:
-        warnings.warn(
+        said = (
             f"ring-down: chi2 is {decay.excess:.3g} per sample: no decay law follows the motion within the stated "
             f"noise (sigma understated, or a motion that is more than one oscillation); all sigmas of the decay are "
-            f"{decay.widened:.2g} times wider for it, and its chances hold among these laws alone",
-            StageWarning,
-            stacklevel=2,
+            f"{decay.widened:.2g} times wider for it, and its chances hold among these laws alone"
         )
+        warnings.warn(StageWarning("law", said, values={"chi2_per_sample": decay.excess}), stacklevel=2)
     if decay.p_alone["viscous"] < REFUSED:
         shares = ", ".join(f"{k} {e.value:.2f} ± {e.sigma:.2f}" for k, e in decay.share.items())
-        warnings.warn(
+        said = (
             f"ring-down: viscous damping alone is refused (p = {decay.p_alone['viscous']:.1g}), zeta is an effective "
-            f"value; decay law: {decay.law}; shares of the energy lost: {shares}",
-            StageWarning,
-            stacklevel=2,
+            f"value; decay law: {decay.law}; shares of the energy lost: {shares}"
         )
+        warnings.warn(StageWarning("law", said, values={"p_viscous": decay.p_alone["viscous"]}), stacklevel=2)
     out = {f"decay_{k}_share": decay.share[k] for k in LAWS} | {f"decay_{k}_rate": decay.rate[k] for k in LAWS}
     for k, e in decay.share.items():
         out[f"decay_{k}_p_value"] = Estimate(decay.p_alone[k], NAN, "", e.n, e.chi2)

@@ -14,6 +14,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self, get_args, get_origin, get_type_hints
 
+from jumpvision.base.numbers import said
 from jumpvision.base.record import Record, RecordError, plain
 
 from . import FILE
@@ -173,15 +174,16 @@ class Diagnosis(Record):
         twins = next((t for t in self.indistinguishable if mechanism in t), ())
         if self.adequate:
             shown = next((hidden_up_to(d) for d in self.detectable if d.mechanism == mechanism), "")
-            agrees = f"{what}: not asked for; the simulation agrees with the recordings (p = {self.p_value:.2g})"
+            p = said(self.p_value, ".2g")
+            agrees = f"{what}: not asked for; the simulation agrees with the recordings (p = {p})"
             return agrees + (f"; it would have shown with 90 % power from {shown}." if shown else ".")
         if tried is None:
             known = ", ".join(c.mechanism for c in self.causes)
             return f"{what}: no model with it has a probability worth telling; told are {known or 'none'}."
         beside = f" beside {' and '.join(lacks.get(m, m) for m in tried.others)}" if tried.others else ""
-        text = f"{what}: {'named' if mechanism in self.named else 'not named'}, probability {tried.probability:.3g}; "
+        text = f"{what}: {'named' if mechanism in self.named else 'not named'}, probability {said(tried.probability)}; "
         text += f"{tried.words or 'no parameter of its own'}{beside}; "
-        text += f"log-likelihood of recordings held out {tried.delta_score:+.3g} over the model in question"
+        text += f"log-likelihood of recordings held out {said(tried.delta_score, '+.3g')} over the model in question"
         others = [lacks.get(t, t.replace("_", " ")) for t in twins if t != mechanism]
         return text + (f"; the data cannot tell it from {' or '.join(others)}." if others else ".")
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from jumpvision.base.arrays import Z90, Array
+from jumpvision.base.numbers import said
 from jumpvision.engine.discovery import Law
 from jumpvision.engine.fitting import Fit
 from jumpvision.engine.naming import likely
@@ -244,13 +245,14 @@ def agreement(d: Findings) -> list[str]:
         return []
     if test.chi2_per_dof < LOOSE:
         return [
-            f"chi^2 per degree of freedom of the best model is {test.chi2_per_dof:.2g}: the noise is taken too large, "
-            "and effects may hide in it; look at where it was learned (`sources`), or state a smaller one"
+            f"chi^2 per degree of freedom of the best model is {said(test.chi2_per_dof, '.2g')}: the noise is "
+            "taken too large, and effects may hide in it; look at where it was learned (`sources`), or state a "
+            "smaller one"
         ]
     if best and test.discrepant:
         return [
-            f"chi^2 per degree of freedom of the best model is {test.chi2_per_dof:.3g} (p = {test.p_value:.2g}): more "
-            "is left than the noise explains"
+            f"chi^2 per degree of freedom of the best model is {said(test.chi2_per_dof)} "
+            f"(p = {said(test.p_value, '.2g')}): more is left than the noise explains"
         ]
     return []
 

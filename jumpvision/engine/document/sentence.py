@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
+from jumpvision.base.numbers import said, times
 from jumpvision.engine.worth.gain import FEW_GROUPS
 
 from . import values as record
@@ -19,14 +20,14 @@ WIDER = 1.05  # factor on intervals from which it is said
 def sentence(d: Diagnosis, words: Words, stopped: str = "") -> str:
     """The verdict in plain words. stopped: what kept it from being whole."""
     varies = [v for v in d.varies if v.established]
-    said = capital("; ".join(clauses(varies, words)))
-    agrees = f"he simulation agrees with the {words.recordings} within their noise (p = {d.p_value:.2g})."
+    those = capital("; ".join(clauses(varies, words)))
+    agrees = f"he simulation agrees with the {words.recordings} within their noise (p = {said(d.p_value, '.2g')})."
     if d.adequate:
-        return f"{said}; {_mended(varies)} t{agrees}" if varies else f"T{agrees}"
+        return f"{those}; {_mended(varies)} t{agrees}" if varies else f"T{agrees}"
     if varies and not (d.named or d.discovered):
-        return f"{said}; {_mended(varies)} the model is adequate." if d.status == COMPLETE else f"{said}; {_more(d)}."
+        return f"{those}; {_mended(varies)} the model is adequate." if d.status == COMPLETE else f"{those}; {_more(d)}."
     if varies:
-        return f"{said}. {_not_constant_alone(d, words)}{f'; {stopped}' if stopped else ''}."
+        return f"{those}. {_not_constant_alone(d, words)}{f'; {stopped}' if stopped else ''}."
     if stopped and not d.causes:
         return f"{words.misses}; which mechanism it lacks is not known yet: {stopped}."
     told = _named(d, words) if d.named else _unnamed(d, words)
@@ -44,7 +45,11 @@ def _mended(varies: Sequence[record.Varies]) -> str:
 def _more(d: Diagnosis) -> str:
     """What is left beside numbers that vary, where nothing is named."""
     share = d.left_over.share if d.left_over else math.nan
-    much = f"{100 * share:.2g} % of the discrepancy (in chi^2)" if math.isfinite(share) else "a part of the discrepancy"
+    much = (
+        f"{said(share, '.2g', 100.0)} % of the discrepancy (in chi^2)"
+        if math.isfinite(share)
+        else "a part of the discrepancy"
+    )
     return f"{much} stays beyond the noise{_left(d, 'describes it')}"
 
 
@@ -68,14 +73,14 @@ def _left(d: Diagnosis, does: str) -> str:
 def _unnamed(d: Diagnosis, words: Words) -> str:
     left_to_see = d.left_over and d.left_over.look_at
     if not (d.discovered or d.closest or d.unexplained or left_to_see):
-        return f", by so little (p = {d.p_value:.2g}) that no cause is likelier than chance"
+        return f", by so little (p = {said(d.p_value, '.2g')}) that no cause is likelier than chance"
     text = f", and no mechanism of the {words.vocabulary} explains all that it gets wrong"
     if d.discovered:
         return text + law_in_words(d.discovered, words, "does")
     if near := d.closest:
-        falls = near.gain and math.isfinite(near.gain.ratio)
+        falls = near.gain and 0.05 < near.gain.ratio < math.inf
         text += f"; the closest, {_listed(near.mechanisms, words.called)}, "
-        text += f"brings the {words.error} down {near.gain.ratio:.1f}x" if near.gain and falls else "helps"
+        text += f"brings the {words.error} down {times(near.gain.ratio, '.1f')}" if near.gain and falls else "helps"
         left = (
             f" and leaves {words.size(near.rmse_track_m)}" if math.isfinite(near.rmse_track_m) else " and leaves more"
         )
@@ -94,18 +99,17 @@ def _named_rest(d: Diagnosis, words: Words) -> str:
     if d.discovered:
         text += law_in_words(d.discovered, words, "explains the rest")
     if partial and d.left_over and math.isfinite(d.left_over.share):
-        text += (
-            f", and {100 * d.left_over.share:.2g} % of the discrepancy (in chi^2) stays beyond the noise, unexplained"
-        )
-        if (wider := d.left_over.widened) > WIDER:
-            text += f" (intervals are {wider:.2g} times wider for it)"
+        share = said(d.left_over.share, ".2g", 100.0)
+        text += f", and {share} % of the discrepancy (in chi^2) stays beyond the noise, unexplained"
+        if WIDER < (wider := d.left_over.widened) < math.inf:
+            text += f" (intervals are {said(wider, '.2g')} times wider for it)"
         text += _left(d, "describes it")
     if d.indistinguishable:
         twins = "; ".join(" or ".join(_listed([m], words.called) for m in t) for t in d.indistinguishable)
         text += f" (the data cannot tell apart: {twins})"
-    if d.gain and math.isfinite(d.gain.ratio):
+    if d.gain and 0.0 < d.gain.ratio < math.inf:
         it = "it" if len(d.named) == 1 else "them"
-        text += f"; with {it} the {words.error} falls {d.gain.ratio:.3g}x"
+        text += f"; with {it} the {words.error} falls {times(d.gain.ratio)}"
         text += "" if math.isfinite(d.gain.ratio_ci95[1]) else f" ({FEW_GROUPS} groups are needed for its interval)"
     return text
 
@@ -115,14 +119,14 @@ def law_in_words(law: record.Discovered, words: Words, does: str) -> str:
     free = ", ".join(
         f"{n} = {plus_minus(p.value, p.sigma)}{f' {p.unit}' if p.unit != '1' else ''}"
         for n, p in law.parameters.items()
-        if p.sigma > 0.0
+        if p.sigma != 0.0
     )
-    fixed = ", ".join(f"{n} = {p.value:g} {p.unit}" for n, p in law.parameters.items() if p.sigma == 0.0)
+    fixed = ", ".join(f"{n} = {said(p.value, 'g')} {p.unit}" for n, p in law.parameters.items() if p.sigma == 0.0)
     what = words.acts_on.get(law.acts_on, "a law")
     text = f"; {what} {does}: {law.law} with {free}{f' ({fixed})' if fixed else ''}"
-    text += f", {100 * law.r2:.3g} % of it"
+    text += f", {said(law.r2, factor=100.0)} % of it" if math.isfinite(law.r2) else ""
     if law.ceiling_r2 is not None and 0.0 <= law.ceiling_r2 <= 1.0:
-        text += f" (any smooth force of the same position and rate: {100 * law.ceiling_r2:.3g} %)"
+        text += f" (any smooth force of the same position and rate: {said(law.ceiling_r2, factor=100.0)} %)"
     if law.passive is not False:
         return text
     text += ", and it is active: it gives energy to what moves"
@@ -142,7 +146,7 @@ def contradictions(d: Diagnosis, apart: tuple[str, str]) -> str | None:
     beside, motions = apart
     bad = "; ".join(
         f"{r.quantity} is {plus_minus(r.by_film, r.by_film_sigma)} by {r.source}, "
-        f"{plus_minus(r.by_jumps, r.by_jumps_sigma)} by the {motions} alone ({abs(r.z):.1f} sigma apart)"
+        f"{plus_minus(r.by_jumps, r.by_jumps_sigma)} by the {motions} alone ({said(abs(r.z), '.1f')} sigma apart)"
         for r in d.confirmation
         if r.contradicts
     )
@@ -152,9 +156,9 @@ def contradictions(d: Diagnosis, apart: tuple[str, str]) -> str | None:
 def plus_minus(value: float, sigma: float) -> str:
     """With as many digits as sigma has worth; a value alone where its sigma is not known."""
     if not math.isfinite(sigma):
-        return f"{value:.3g}"
-    digits = max(0, -math.floor(math.log10(sigma))) if sigma > 0 else 1
-    return f"{value:.{digits}f} ± {sigma:.{digits}f}"
+        return said(value)
+    spec = f".{max(0, -math.floor(math.log10(sigma))) if sigma > 0 else 1}f"
+    return f"{said(value, spec)} ± {said(sigma, spec)}"
 
 
 def _listed(mechanisms: Sequence[str], lacks: Mapping[str, str]) -> str:

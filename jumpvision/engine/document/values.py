@@ -6,11 +6,13 @@ Fields have the names of the file's keys, in their order. A number that is not k
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
 from jumpvision.base.arrays import Z90, Array
+from jumpvision.base.numbers import between, said
 
 
 class Verdict(StrEnum):
@@ -66,7 +68,7 @@ class Parameter:
 
     def __str__(self) -> str:
         unit = "" if self.unit == "1" else self.unit
-        return f"{self.value:.4g} ({self.low:.4g} to {self.high:.4g}) {unit}".rstrip()
+        return f"{said(self.value, '.4g')}{between(self.low, self.high, '.4g')} {unit}".rstrip()
 
 
 @dataclass(frozen=True)
@@ -330,9 +332,9 @@ class NextExperiment:
     def words(self) -> str:
         """What is to be done."""
         if self.inputs:
-            return ", ".join(f"{n} = {x:.4g}" for n, x in self.inputs.items())
-        at = f" at {self.frequency} Hz" if self.frequency is not None else ""
-        return self.kind + at + (f", delay {self.delay} s" if self.delay else "")
+            return ", ".join(f"{n} = {said(x, '.4g')}" for n, x in self.inputs.items())
+        at = f" at {self.frequency} Hz" if math.isfinite(self.frequency or math.nan) else ""
+        return self.kind + at + (f", delay {self.delay} s" if self.delay and math.isfinite(self.delay) else "")
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+from jumpvision.base.numbers import said
 from jumpvision.engine.document import values as record
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.document import agreement, interval
@@ -70,7 +71,7 @@ class StudySpeaker:
         unit = " times the noise" if data.unit == SEVERAL else "" if data.unit in (None, "1") else f" {data.unit}"
 
         def size(x: float) -> str:
-            return f"{x:.2g}{unit}"
+            return f"{said(x, '.2g')}{unit}"
 
         misses = f"The simulation misses the recordings by {size(data.baseline.rmse_track_m)} rms"
         quantities = {p.name: p.words for p in self.system.study.parameters if p.words}

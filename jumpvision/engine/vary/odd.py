@@ -105,7 +105,7 @@ def command_of(problem: Problem, fit: Fit, i: int) -> int | None:
 
 
 def _strange(problem: Problem, i: int, fall: float) -> bool:
-    """Whether a recording's chi^2 is larger than noise makes any of them, whose size and tails are as it was learned."""
+    """Whether a recording's chi^2 is larger than noise makes any; size and tails of the noise as they were learned."""
     n, noise = problem.system.observations[i].independent, problem.noise
     spread = math.sqrt((noise.kurtosis - 1.0) / max(n, 1) + noise.log_power**2)
     z = math.log(max(fall, 1e-300) / max(n, 1)) / spread

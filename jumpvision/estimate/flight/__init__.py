@@ -2,7 +2,6 @@
 
 from .beyond import Ring as Ring
 from .contact import contact_flights as contact_flights
-from .flights import Doubt as Doubt
 from .flights import Flights as Flights
 from .flights import final_flight as final_flight
 from .flights import flight_height as flight_height

@@ -9,21 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
+from jumpvision.base.schema import StageWarning
 
 from ..estimate import Estimate, scatter_factor
 
 NAN = float("nan")
 SINGULAR = 1e-3  # of its least variance: an eigenvalue of a covariance that is none
-
-
-@dataclass(frozen=True)
-class Doubt:
-    """What a record contradicts: kind "curvature" (values: as filmed, its sigma, gravity [m/s^2]) or "noise" (values:
-    scatter over the stated sigma), and the message for people."""
-
-    kind: str
-    message: str
-    values: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -34,7 +25,7 @@ class Flights:
     covariance: of a flight's lift-off and landing [s^2]; shared (n, m): covariance of its time with those of the m next
     [s^2], by the impacts, parabolas and ground that they share. curvature [m/s^2]: of the track in
     flight, fitted freely, with its standard uncertainty. kinds: what each flight begins and ends with. doubts: what is
-    wrong with the record as a whole.
+    wrong with the record as a whole, of kind "scale" or "noise".
     """
 
     lift_off: Array
@@ -46,7 +37,7 @@ class Flights:
     curvature: Array = field(default_factory=lambda: np.zeros(0))
     curvature_sigma: Array = field(default_factory=lambda: np.zeros(0))
     kinds: tuple[tuple[str, str], ...] = ()
-    doubts: tuple[Doubt, ...] = ()
+    doubts: tuple[StageWarning, ...] = ()
 
     def __post_init__(self) -> None:
         n = self.lift_off.size

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jumpvision.base.arrays import Array, with_digits_of
+from jumpvision.base.schema import StageWarning
 
 from ..estimate import checked, checked_sigma
 from ..mean import difference_noise
 from .beyond import Drive, Ring
 from .edges import Flight, flight
-from .flights import NAN, Doubt, Flights
+from .flights import NAN, Flights
 from .ground import MOST, Ground, ground
 from .motion import POWER, Motion, curvature, motion
 from .noise import with_noise
@@ -90,14 +91,14 @@ def track_flights(
             f"the track scatters by {noise.factor:.2g} times its sigma of {float(np.median(sigma)):.2g} m: what is "
             "said of its flights is widened"
         )
-        warned.append(Doubt("noise", said, (noise.factor,)))
+        warned.append(StageWarning("noise", said, values={"factor": noise.factor}))
     return replace(collected([(m, f) for m, flying in whole for f in flying]), doubts=tuple(warned))
 
 
 Whole = list[tuple[Motion, list[Flight]]]
 
 
-def as_filmed(cut: list[Piece], how: Settings) -> tuple[Whole, list[Doubt]]:
+def as_filmed(cut: list[Piece], how: Settings) -> tuple[Whole, list[StageWarning]]:
     """The flights of all pieces, at the curvature that they have: gravity's, or what a wrong scale, frame rate or tilt
     makes of it, which is then said."""
     whole = [flights_in(piece, how) for piece in cut]
@@ -116,7 +117,7 @@ def as_filmed(cut: list[Piece], how: Settings) -> tuple[Whole, list[Doubt]]:
         f"free flight at {with_digits_of(bend, sigma)} ± {with_digits_of(sigma, sigma)} m/s^2, not {how.gravity:g}: "
         "scale, frame rate or tilt"
     )
-    doubt = Doubt("curvature", said, (bend, sigma, how.gravity))
+    doubt = StageWarning("scale", said, values={"seen_m_s2": bend, "sigma_m_s2": sigma, "gravity_m_s2": how.gravity})
     seen = replace(how, gravity=bend, gravity_sigma=sigma, fitted=True)
     return [flights_in(piece, seen) for piece in cut], [doubt]
 

@@ -135,7 +135,7 @@ def _kept(cache: Path, asked: str, *, fresh: bool) -> tuple[entries.Receipt, Dia
     except FileNotFoundError:
         return None
     except entries.CorruptEntry as e:
-        warnings.warn(f"{e}; asked again", StageWarning, stacklevel=3)
+        warnings.warn(StageWarning("cache", f"{e}; asked again"), stacklevel=3)
         return None
 
 

@@ -7,14 +7,15 @@ import csv
 import functools
 import hashlib
 import io
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from jumpvision.base.record import plain
-from jumpvision.base.schema import FileSection, InputError
+from jumpvision.base.schema import FileSection, InputError, Told
 from jumpvision.base.storage import write_aside
 from jumpvision.experiment import files
 from jumpvision.experiment.inputs.experiment import Campaign, Experiment
@@ -64,7 +65,12 @@ class Run:
     @functools.cached_property
     def rows(self) -> list[JumpRow]:
         """The rows of jumps.csv."""
-        return jumps_table(self.campaign, self.outcomes)
+        return jumps_table(self.campaign, self.outcomes, self.warnings)
+
+    @functools.cached_property
+    def warnings(self) -> list[dict[str, object]]:
+        """What is said of the experiments, each with its name first; recordings that are there twice too."""
+        return warnings_of(self.campaign, {o.name: o.warnings for o in self.outcomes})
 
     @property
     def failed(self) -> bool:
@@ -140,7 +146,7 @@ def run_folder(
         made_of = {o.name: _digest(campaign[o.name], o) for o in run.outcomes}
         names = [f.name for f in (*written, *run.files)]
         lasting = () if plan.whole else (files.MODEL, files.PICTURE, files.DIAGNOSIS)
-        run.notes = settle_tables(plan.results, made_of, names, plan.command, lasting=lasting)
+        run.notes = settle_tables(plan.results, made_of, names, plan.command, warnings=run.warnings, lasting=lasting)
     return run
 
 
@@ -231,8 +237,23 @@ def _craters(run: Run) -> list[Path]:
     return write_craters(craters, zero_crossing(craters), run.plan.results)
 
 
-def jumps_table(campaign: Campaign, outcomes: list[Outcome]) -> list[JumpRow]:
-    """One row an experiment, failed and excluded ones with their reason."""
+def warnings_of(campaign: Campaign, told: Mapping[str, Sequence[Told]]) -> list[dict[str, object]]:
+    """Of a campaign, from what is told of each experiment: {experiment, kind, message, recording, values}."""
+    from jumpvision.experiment.stages.crosschecks import repeated
+
+    twice = repeated(campaign.experiments)
+    return [
+        {"experiment": e.name, **w}
+        for e in campaign.experiments
+        for w in [*told.get(e.name, ()), *(d.told for d in twice.get(e.name, ()))]
+    ]
+
+
+def jumps_table(
+    campaign: Campaign, outcomes: list[Outcome], warned: Sequence[Mapping[str, object]] = ()
+) -> list[JumpRow]:
+    """One row an experiment, failed and excluded ones with their reason. warned: as `warnings_of` gives them."""
+    said = Counter(w["experiment"] for w in warned)
     by_name = {o.name: o for o in outcomes}
     rows = []
     for e in campaign.experiments:
@@ -245,6 +266,7 @@ def jumps_table(campaign: Campaign, outcomes: list[Outcome]) -> list[JumpRow]:
                 a.frequency if a else None,
                 a.delay if a else None,
                 o.summary,
+                said[e.name],
                 o.errors[0] if o.errors else None,
             )
         )

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 from jumpvision.base.record import Record, plain
-from jumpvision.base.schema import Toml
+from jumpvision.base.schema import Told, Toml
 from jumpvision.experiment import files
 
 Cell = str | float | int | None
@@ -62,6 +62,7 @@ class Summary(Record):
     motor_rise: Uncertain = _measured("motor_rise_m")
     spring_stiffness: Uncertain = _measured("spring_stiffness_N_m")
     simulated_height: float | None = _at("simulated_height_m")
+    warnings: tuple[Told, ...] = field(default=(), metadata={"keys": ("warnings",)})
 
     file = files.SUMMARY
 
@@ -69,9 +70,9 @@ class Summary(Record):
         return bool(self.experiment)
 
     @property
-    def values(self) -> dict[str, Cell]:
-        """As in the file."""
-        out: dict[str, Cell] = {}
+    def values(self) -> dict[str, Any]:
+        """As in the file: a `Cell` each, but for the list of warnings."""
+        out: dict[str, Any] = {}
         for name, keys in KEYS.items():
             value = getattr(self, name)
             out |= zip(keys, value if isinstance(value, Uncertain) else (value,))
@@ -84,7 +85,7 @@ class Summary(Record):
         for name, keys in KEYS.items():
             value = [values.get(k) for k in keys]
             read[name] = Uncertain(*value) if len(value) > 1 else value[0]
-        return cls(**read)
+        return cls(**{**read, "warnings": tuple(read["warnings"] or ())})
 
     def save(self, folder: Path) -> None:
         (folder / self.file).write_text(json.dumps(plain(self.values), indent=1) + "\n", encoding="utf-8")
@@ -106,7 +107,7 @@ UNKNOWN = Summary("")  # of an experiment whose stage has not run
 
 @dataclass(frozen=True)
 class JumpRow:
-    """A row of jumps.csv. frequency [Hz] and delay [s] of the motor; problem: why there are no numbers."""
+    """A row of jumps.csv. frequency [Hz] and delay [s] of the motor; warnings: how many; problem: why no numbers."""
 
     experiment: str
     group: str | None = None
@@ -114,6 +115,7 @@ class JumpRow:
     frequency: float | None = None
     delay: float | None = None
     summary: Summary = UNKNOWN
+    warnings: int = 0
     problem: str | None = None
     excluded: bool = False
 
@@ -130,5 +132,6 @@ class JumpRow:
             "delay_s": self.delay,
             "volume_fraction": known["volume_fraction"],
             **{c: known[c] for c in JUMP_COLUMNS},
+            "warnings": self.warnings,
             "problem": self.problem,
         }

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Generic, Required, Self, TypeAlias, TypedDict, TypeVar
 
 from jumpvision.base.record import Record, plain
+from jumpvision.base.schema import Told
 from jumpvision.experiment import files
 
 if TYPE_CHECKING:
@@ -35,6 +36,18 @@ class Values(Record, Generic[V]):
     @classmethod
     def load(cls, folder: Path) -> Self:
         return cls(json.loads((folder / cls.file).read_text(encoding="utf-8")))
+
+
+class DoubtValues(TypedDict):
+    """doubts.json."""
+
+    warnings: list[Told]
+
+
+class Doubts(Values[DoubtValues]):
+    """What is suspicious in an experiment's recordings and in what is declared."""
+
+    file = "doubts.json"
 
 
 class BedProfile(TypedDict):

@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
-from jumpvision.base.schema import Doubt
+from jumpvision.base.schema import StageWarning
 from jumpvision.base.storage import sha256
 from jumpvision.estimate.flight import Flights, contact_flights, flight_height
 from jumpvision.estimate.flight.flights import flights_of
 from jumpvision.estimate.flight.track import noise_of, pieces, stretches
+from jumpvision.estimate.ringdown import ring_down
 from jumpvision.experiment.inputs.experiment import Experiment
 from jumpvision.experiment.inputs.sections import (
     Actuation,
@@ -30,7 +31,7 @@ from jumpvision.experiment.inputs.sections import (
     RodVideo,
 )
 
-from .rod import commanded, position_at, total_mass
+from .rod import commanded, other_spring, position_at, total_mass
 
 FEWEST = 20  # samples of a recording
 SHORTEST = 0.03  # s: shorter flights of a track are not compared
@@ -88,7 +89,7 @@ def cross_checks(
     touches: tuple[Array, Array] | None,
     law: Actuation | None,
     motor: tuple[Array, Array] | None,
-) -> Iterator[Doubt]:
+) -> Iterator[StageWarning]:
     """Every doubt. name: the track's section. touches: times and 0 or 1 of the contact log; motor: times, X_m [m]."""
     if motion is not None and np.isfinite(motion.height).sum() > FEWEST:
         found = motion.flights()
@@ -99,37 +100,36 @@ def cross_checks(
         yield from driven(law, *motor)
 
 
-def repeated(experiments: Iterable[Experiment]) -> Iterator[Doubt]:
-    """Experiments with the same recording of a motion: one was copied, and counts twice."""
+def repeated(experiments: Iterable[Experiment]) -> dict[str, list[StageWarning]]:
+    """Experiments with the same recording of a motion, by name: one was copied, and counts twice."""
     sizes: dict[tuple[str, int], list[tuple[str, Path]]] = {}
     for e in experiments:
         for kind in (RodVideo, RodTrack, GrainVideo, IntrusionLog):
             section = e.section(kind)
             if section is not None and section.path.is_file():
                 sizes.setdefault((section.name, section.path.stat().st_size), []).append((e.name, section.path))
-    for (name, _), files in sizes.items():
+    out: dict[str, list[StageWarning]] = {}
+    for (section_name, _), files in sizes.items():
         alike: dict[str, list[str]] = {}
         for experiment, path in files if len(files) > 1 else ():
             alike.setdefault(sha256(path), []).append(experiment)
         for names in alike.values():
-            if len(names) > 1:
-                yield Doubt(
-                    "the same recording twice",
-                    f"{' and '.join(names)}: [{name}] is the same recording: a copy counts twice; give exclude in all "
-                    "but one",
-                    name,
-                )
+            for name in names if len(names) > 1 else ():
+                others = " and ".join(n for n in names if n != name)
+                said = f"[{section_name}] is the recording of {others} too: a copy counts twice; give exclude in one"
+                out.setdefault(name, []).append(StageWarning("copy", said, section_name))
+    return out
 
 
-def upright(name: str, motion: Motion, found: Flights) -> Iterator[Doubt]:
+def upright(name: str, motion: Motion, found: Flights) -> Iterator[StageWarning]:
     """In free flight a track that points up is accelerated by -g, one that points down by +g."""
     up = _lasting(found)
     if up > 0.1 * motion.span:  # so much in flight, and it is not upside down
         return
     down = _lasting(motion.flights(upside_down=True))
     if down > SHORTEST and down > 2.0 * up:
-        yield Doubt(
-            "upside down",
+        yield StageWarning(
+            "sign",
             f"[{name}] in free flight the height is accelerated by +{motion.gravity:.3g} m/s^2 (for {down:.3g} s; by "
             f'-{motion.gravity:.3g} for {up:.3g} s): heights that point down? give up = "+y", or negate height_m',
             name,
@@ -137,17 +137,34 @@ def upright(name: str, motion: Motion, found: Flights) -> Iterator[Doubt]:
         )
 
 
+def ringing(name: str, motion: Motion, h: Array, robot: Robot, law: Actuation) -> Iterator[StageWarning]:
+    """The frequency of the rod's height h (n,) [m] after the last landing beside that of spring and masses."""
+    k, mass, t = robot.spring_stiffness, total_mass(robot), motion.t
+    if not k or not mass or motion.sigma is None or not (law.moves or law.kind == "none"):
+        return
+    landings = motion.flights().landing
+    begin = max([law.stop if law.moves else t[0], *landings[np.isfinite(landings)]])
+    tail = t >= max(begin, t[-1] - 0.5 * (t[-1] - begin)) if law.moves else np.ones(t.size, bool)
+    if tail.sum() < 2 * FEWEST:
+        return
+    ring = ring_down(t[tail], h[tail], motion.sigma[tail])
+    if ring.reason or ring.frequency <= 0.0 or not ring.chi2 < 10.0 * ring.n:
+        return
+    if doubt := other_spring(ring.frequency, k, mass):
+        yield StageWarning(doubt.kind, f"[{name}] {doubt}", doubt.recording, doubt.values)
+
+
 def _lasting(flights: Flights) -> float:
     """Time in complete flights [s]."""
     return float(np.nansum(flights.time)) if len(flights) else 0.0
 
 
-def contact(name: str, motion: Motion, found: Flights, t: Array, touches: Array) -> Iterator[Doubt]:
+def contact(name: str, motion: Motion, found: Flights, t: Array, touches: Array) -> Iterator[StageWarning]:
     """A contact log (1 on the ground) at t (n,) [s] beside the flights that the track shows."""
     span, seen = float(t[-1] - t[0]), float(motion.t[-1] - motion.t[0])
     if seen > 0.0 and not 1.0 / 100.0 < span / seen < 100.0:
-        yield Doubt(
-            "contact log in another unit of time",
+        yield StageWarning(
+            "unit",
             f"[contact_log] lasts {span:.3g} s, [{name}] {seen:.3g} s ({span / seen:.3g} times): are its times in ms?",
             "contact_log",
             {"contact_s": span, "track_s": seen},
@@ -162,8 +179,8 @@ def contact(name: str, motion: Motion, found: Flights, t: Array, touches: Array)
     flying, standing = float(air[inside].mean()), float(air[~inside].mean()) if (~inside).any() else math.nan
     longest = whole[int(np.argmax(found.time[whole]))]
     if flying < MOST and standing > MOST:
-        yield Doubt(
-            "contact log inverted",
+        yield StageWarning(
+            "sign",
             f"[contact_log] says in the air for {100 * flying:.0f} % of the time in which [{name}] flies, and for "
             f"{100 * standing:.0f} % of the other: are 0 and 1 exchanged? contact is 1 on the ground",
             "contact_log",
@@ -182,7 +199,7 @@ def _within(t: Array, flights: Flights) -> NDArray[np.bool_]:
     return out
 
 
-def _same_flight(name: str, motion: Motion, found: Flights, k: int, said: Flights) -> Iterator[Doubt]:
+def _same_flight(name: str, motion: Motion, found: Flights, k: int, said: Flights) -> Iterator[StageWarning]:
     """The longest flight of the track beside that of the contact log which is as long."""
     time, sigma = float(found.time[k]), float(found.time_sigma[k])
     complete = np.flatnonzero(np.isfinite(said.time))
@@ -197,8 +214,8 @@ def _same_flight(name: str, motion: Motion, found: Flights, k: int, said: Flight
 
     off = float(said.lift_off[alike] - found.lift_off[k])
     if not differs(alike) and abs(off) > max(0.25 * time, AGREE * float(found.lift_off_sigma[k])):
-        yield Doubt(
-            "contact log on another clock",
+        yield StageWarning(
+            "clock",
             f"[contact_log] lifts off at {said.lift_off[alike]:.4g} s for the flight of {time:.3g} s that [{name}] "
             f"begins at {found.lift_off[k]:.4g} s: is it on the common clock? start = {-off:+.4g} s would fit",
             "contact_log",
@@ -206,8 +223,8 @@ def _same_flight(name: str, motion: Motion, found: Flights, k: int, said: Flight
         )
     elif differs(near) and abs(said.lift_off[near] - found.lift_off[k]) < 0.5 * time:
         high = [flight_height(float(x), 0.0, gravity=motion.gravity).value for x in (said.time[near], time)]
-        yield Doubt(
-            "flight times differ",
+        yield StageWarning(
+            "differs",
             f"[contact_log] gives a flight of {said.time[near]:.4g} s ({1e3 * high[0]:.3g} mm), [{name}] of {time:.4g} "
             f"s ({1e3 * high[1]:.3g} mm): a bouncing switch, a wrong frame rate or scale, or times in another unit?",
             "contact_log",
@@ -215,7 +232,7 @@ def _same_flight(name: str, motion: Motion, found: Flights, k: int, said: Flight
         )
 
 
-def driven(law: Actuation, t: Array, x: Array) -> Iterator[Doubt]:
+def driven(law: Actuation, t: Array, x: Array) -> Iterator[StageWarning]:
     """The encoder's X_m (n,) [m] at t [s] beside the law of [actuation]: the same motion, or its negative?"""
     if not law.moves or law.frequency is None or law.amplitude is None or not t[0] < law.stop < t[-1]:
         return
@@ -225,8 +242,8 @@ def driven(law: Actuation, t: Array, x: Array) -> Iterator[Doubt]:
         return
     alike = float(np.corrcoef(asked[moving], x[moving])[0, 1])
     if alike < -0.8:  # correlation from which a log is the law's motion, or its negative
-        yield Doubt(
-            "motor log negated",
+        yield StageWarning(
+            "sign",
             f"[motor_log] position_m is the negative of the law of [actuation] (correlation {alike:.2f}): position is "
             "that of the motor above the rod; negate it, or correct the phase",
             "motor_log",

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from jumpvision.base.arrays import Array
-from jumpvision.base.schema import Doubt
 from jumpvision.estimate.estimate import Estimate
 from jumpvision.estimate.flight import (
     Flights,
@@ -36,7 +34,6 @@ from jumpvision.experiment.inputs.sections import (
     MotorLog,
     NotApplicable,
     Robot,
-    RodTrack,
     need,
 )
 from jumpvision.experiment.results.fields import Column, Flow
@@ -48,9 +45,9 @@ from jumpvision.experiment.workflow.stage import Inputs, StageWarning, stage
 from jumpvision.films.grains.cone import cone_growth
 from jumpvision.jumper.physics.oscillator import foot_frequency, foot_ripple, lift_off_amplitude
 
-from .crosschecks import cross_checks, motion_of
+from .crosschecks import motion_of
 from .recordings import scaled, timed
-from .rod import commanded, hanging_foot, other_spring, read_motor, total_mass
+from .rod import commanded, hanging_foot, read_motor, total_mass
 
 NAN = math.nan
 
@@ -84,8 +81,6 @@ def fit(experiment: Experiment, given: Recordings, *, p: FitParams) -> Fits:
     out: dict[str, Estimate] = {}
     rod, contact, robot, law, log = given.rod, given.contact, given.robot, given.law, given.log
     column, flow, clock = given.column, given.flow, given.clock
-    for doubt in doubts(experiment, given):
-        warnings.warn(doubt, stacklevel=2)
     flights = find_flights(rod, contact, robot, law, log, p, on_sand=experiment.ground == "granular")
     if flights is not None:
         jumps = longer_than(flights, p.shortest_flight)
@@ -116,15 +111,6 @@ def fit(experiment: Experiment, given: Recordings, *, p: FitParams) -> Fits:
     if not out:
         raise NotApplicable([nothing_fitted(rod, law)])
     return Fits(out)
-
-
-def doubts(experiment: Experiment, given: Recordings) -> Iterator[Doubt]:
-    """Where the recordings contradict each other."""
-    rod, robot, law, log = given.rod, given.robot, given.law, given.log
-    motion = motion_of(*rod.arrays, robot, law, log) if rod is not None else None
-    touches = None if given.contact is None else contact_of(given.contact)
-    motor = None if log is None else read_motor(log, law)
-    return cross_checks("rod_track" if experiment.section(RodTrack) else "rod_video", motion, touches, law, motor)
 
 
 def contact_of(contact: ContactLog) -> tuple[Array, Array]:
@@ -197,7 +183,7 @@ def find_flights(
         stiffness=math.sqrt(spring / mass) if spring and mass and not on_sand else 0.0,
     )
     for doubt in found.doubts:
-        warnings.warn(f"flights: {doubt.message}", StageWarning, stacklevel=2)
+        warnings.warn(StageWarning(doubt.kind, f"flights: {doubt}", "", doubt.values), stacklevel=2)
     return found
 
 
@@ -315,8 +301,6 @@ def ring_fits(
     if not ring.reason and limit is not None and ring.amplitude > limit:
         reason = f"amplitude {ring.amplitude:.2g} m above M g/k = {limit:.2g} m: still hopping"
         return {"zeta": Estimate(NAN, NAN, "", ring.n, ring.chi2, reason)}
-    if k and mass and not ring.reason and (doubt := other_spring(ring.frequency, k, mass)):
-        warnings.warn(f"ring-down: {doubt}", StageWarning, stacklevel=2)
     rate = clock.rate_sigma if clock else 0.0
     out = {k: scaled(e, rate) if e.unit in ("Hz", "rad/s") else e for k, e in ring.estimates().items()}
     if not ring.reason:

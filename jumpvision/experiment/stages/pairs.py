@@ -67,7 +67,8 @@ def by_order(film: Film) -> NDArray[np.int64]:
             'pairs = "names", or leave out its partner'
         )
     if len(film) % 2:
-        warnings.warn(f"the last of {len(film)} frames has no partner", StageWarning, stacklevel=5)
+        said = f"the last of {len(film)} frames has no partner"
+        warnings.warn(StageWarning("frames", said, "grain_video"), stacklevel=5)
     return np.arange(len(film) // 2 * 2)
 
 
@@ -86,9 +87,8 @@ def by_name(film: Film) -> NDArray[np.int64]:
             alone = sorted(set(range(len(film))) - set(order.tolist()))
             if alone:
                 first = film.files[alone[0]].name
-                warnings.warn(
-                    f"{len(alone)} picture(s) without a partner left out, the first {first}", StageWarning, stacklevel=5
-                )
+                said = f"{len(alone)} picture(s) without a partner left out, the first {first}"
+                warnings.warn(StageWarning("frames", said, "grain_video"), stacklevel=5)
             return order
     raise FrameError(
         f"{film.path}: no two names differ in a letter A or B, or a number 1 or 2, alone ({film.files[0].name}, ...); "

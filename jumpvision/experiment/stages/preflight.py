@@ -6,19 +6,18 @@ the likely remedy. Nothing is computed that takes longer than reading the logs a
 
 from __future__ import annotations
 
-import math
 import re
 import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import numpy as np
 
 from jumpvision.base.arrays import Array
-from jumpvision.base.schema import InputError
-from jumpvision.estimate.ringdown import ring_down
+from jumpvision.base.record import Record
+from jumpvision.base.schema import InputError, StageWarning, Told, read, told_in
 from jumpvision.experiment.inputs.experiment import Experiment
 from jumpvision.experiment.inputs.logs import read_log
 from jumpvision.experiment.inputs.model import ModelSpec
@@ -32,21 +31,24 @@ from jumpvision.experiment.inputs.sections import (
     GrainVideo,
     IntrusionLog,
     MotorLog,
+    NotApplicable,
     Robot,
     RodTrack,
     RodVideo,
     SpringLog,
     need,
 )
-from jumpvision.experiment.workflow.stage import StageWarning
+from jumpvision.experiment.results.tables import RodMotion, Track
+from jumpvision.experiment.results.values import BedHeight, CraterShape
+from jumpvision.experiment.workflow.stage import STAGES, results_stages
 from jumpvision.films.frames import Film
 from jumpvision.films.frames.decoding import open_video
 from jumpvision.films.frames.opening import READERS
 
-from .crosschecks import cross_checks, motion_of
+from .crosschecks import cross_checks, motion_of, ringing
 from .fit import contact_of
 from .recordings import NOWHERE, bare_view, in_pixels, open_film, open_pictures
-from .rod import from_table, other_spring, read_motor, total_mass
+from .rod import read_motor, total_mass
 from .spring import read_spring
 
 THOUSAND = 300.0, 3000.0  # ratios that a wrong prefix makes
@@ -54,6 +56,7 @@ FAR = 3.0  # factor of a size beyond which it is none of the sought thing
 LONGEST = 5.0  # m, of what a film or a log of a jump shows
 
 Read = TypeVar("Read")
+R = TypeVar("R", bound=Record)
 
 
 @dataclass(frozen=True)
@@ -70,11 +73,21 @@ class Found:
     """What is wrong with an experiment, and what is odd."""
 
     problems: list[str]
-    warnings: list[str]
+    told: list[Told]
     films: dict[str, Picture]
+    made: dict[type, Record | None] = field(default_factory=dict)
     motor: tuple[Array, Array] | None = None  # time [s], position [m]
-    track: tuple[Array, ...] | None = None  # time [s], height, sigma [m]
     contact: tuple[Array, Array] | None = None  # time [s], 0 or 1
+
+    @property
+    def rod(self) -> RodMotion | None:
+        """How the rod moved."""
+        return cast(RodMotion | None, self.made.get(RodMotion))
+
+    @property
+    def name(self) -> str:
+        """The section that says so."""
+        return "rod_video" if "rod_video" in self.films else "rod_track"
 
     def ask(self, read: Callable[[], Read]) -> Read | None:
         """What `read` gives; None where it finds a problem."""
@@ -82,26 +95,58 @@ class Found:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
                 got = read()
+        except NotApplicable:
+            return None
         except InputError as e:
             self.problems += [p for p in e.problems if p not in self.problems]
         except (ValueError, OSError) as e:
             self.problems.append(str(e))
         else:
-            self.warnings += [str(w.message) for w in caught if issubclass(w.category, StageWarning)]
+            self.told += told_in(caught)
             return got
         return None
 
 
-def preflight(e: Experiment) -> tuple[list[str], list[str]]:
-    """(what would stop a run, what is suspicious) of one experiment."""
+def preflight(e: Experiment) -> tuple[list[str], list[Told]]:
+    """(what would stop a run, what is suspicious) of one experiment, before it is run."""
     found = Found([], [], {})
+    results_stages()  # all of them are registered
+    for output in READ:
+        found.made[output] = found.ask(partial(made_now, e, output))
+    told = suspicious(e, found)
+    toml = e.path / "experiment.toml"
+    problems = [p if str(e.path) in p else f"{toml}: {p}" for p in found.problems]
+    return problems, told
+
+
+def suspicious(e: Experiment, found: Found) -> list[Told]:
+    """What is suspicious; in `found` the records that are there, what would stop a run is added to it."""
     _sections(e, found)
     _films(e, found)
     _logs(e, found)
     said = [*_sizes(e, found), *_clocks(e, found), *_places(e, found), *_names(e), *_doubts(e, found)]
-    toml = e.path / "experiment.toml"
-    problems = [p if str(e.path) in p else f"{toml}: {p}" for p in found.problems]
-    return problems, [*dict.fromkeys([*found.warnings, *said])]
+    told = [*found.told, *(d.told for d in said)]
+    return [t for i, t in enumerate(told) if t not in told[:i]]
+
+
+READ = (RodMotion, BedHeight, CraterShape)  # records that doubts are about
+
+
+def made_now(e: Experiment, output: type[R]) -> R | None:
+    """A record, computed and kept nowhere; None where it cannot be made, or takes a film of the rod."""
+    made = STAGES[output]
+    if output is Track:
+        return None
+    given: dict[str, object] = {}
+    for i in made.inputs:
+        given[i.name] = e if i.type is Experiment else made_now(e, i.type) if i.type in STAGES else e.section(i.type)
+        if given[i.name] is None and not i.optional:
+            return None
+    if made.any_of and all(given[name] is None for name in made.any_of):
+        return None
+    if made.params:
+        given["p"] = read(made.params, e.params.get(made.name, {}), "")[0]
+    return cast(R, made.called_with(given))
 
 
 def _sections(e: Experiment, found: Found) -> None:
@@ -109,9 +154,8 @@ def _sections(e: Experiment, found: Found) -> None:
     calibration, law = e.section(Calibration), e.section(Actuation)
     film, crater = e.section(RodVideo), e.section(CraterImage)
     if film is not None and in_pixels(film, calibration) and not OF_A_JUMP & e.sections.keys():
-        found.warnings.append(
-            "[rod_video] scale: missing: the track will be in px alone; give scale (metres per pixel) for heights"
-        )
+        said = "[rod_video] scale: missing: the track will be in px alone; give scale (metres per pixel) for heights"
+        found.told.append(StageWarning("missing", said, film.name).told)
     elif film is not None:
         found.ask(partial(bare_view, calibration, film, NOWHERE))
     if crater is not None:
@@ -152,9 +196,6 @@ def _logs(e: Experiment, found: Found) -> None:
     law = e.section(Actuation)
     if (log := e.section(MotorLog)) is not None:
         found.motor = found.ask(lambda: read_motor(log, law))
-    if (table := e.section(RodTrack)) is not None:
-        track = found.ask(lambda: from_table(table))
-        found.track = None if track is None else tuple(track[c].to_numpy() for c in ("time_s", "height_m", "sigma_m"))
     if (touched := e.section(ContactLog)) is not None:
         found.contact = found.ask(lambda: contact_of(touched))
     if (pushed := e.section(IntrusionLog)) is not None:
@@ -163,13 +204,15 @@ def _logs(e: Experiment, found: Found) -> None:
         found.ask(lambda: read_spring(spring))
 
 
-def _doubts(e: Experiment, found: Found) -> Iterator[str]:
-    """Where recordings contradict each other, as a run says it; of a film to be tracked only the run can."""
-    robot, law, log = e.section(Robot), e.section(Actuation), e.section(MotorLog)
-    track, motion = found.track, None
-    if track is not None and (log is None or found.motor is not None):
-        motion = found.ask(lambda: motion_of(track[0], track[1], track[2], robot, law, log))
-    yield from map(str, cross_checks("rod_track", motion, found.contact, law, found.motor))
+def _doubts(e: Experiment, found: Found) -> Iterator[StageWarning]:
+    """Where recordings contradict each other."""
+    robot, law, log, rod = e.section(Robot), e.section(Actuation), e.section(MotorLog), found.rod
+    motion = None
+    if rod is not None and (log is None or found.motor is not None):
+        motion = found.ask(lambda: motion_of(*rod.arrays, robot, law, log))
+    yield from cross_checks(found.name, motion, found.contact, law, found.motor)
+    if motion is not None and rod is not None and robot is not None and law is not None:
+        yield from ringing(found.name, motion, rod.arrays[1], robot, law)
 
 
 def _prefix(ratio: float) -> bool:
@@ -177,75 +220,70 @@ def _prefix(ratio: float) -> bool:
     return THOUSAND[0] < ratio < THOUSAND[1] or THOUSAND[0] < 1.0 / ratio < THOUSAND[1]
 
 
-def _sizes(e: Experiment, found: Found) -> Iterator[str]:
-    """Units: masses, spring, log and track beside what they can be."""
-    robot, law, mass = e.section(Robot), e.section(Actuation), total_mass(e.section(Robot))
-    # robots that jump on a rail weigh less than 100 kg
-    heavy = [n for n in ("motor_mass", "rod_mass", "foot_mass") if robot and (getattr(robot, n) or 0.0) > 100.0]
-    for name in heavy:
-        value = getattr(robot, name)
-        yield f"[robot] {name} = {value:g} kg: more than a jumping robot weighs; in grams? then give {value / 1e3:g}"
-    if robot and robot.spring_stiffness and mass and not heavy:
-        sag = mass * robot.gravity / robot.spring_stiffness
-        if sag > 0.25:  # m: no spring gives so far under the robot's weight
-            yield (
-                f"[robot] spring_stiffness = {robot.spring_stiffness:g} N/m: the robot's weight would press it by "
-                f"{sag:.3g} m; in N/mm? then give {1e3 * robot.spring_stiffness:g}"
-            )
+def _sizes(e: Experiment, found: Found) -> Iterator[StageWarning]:
+    """Units: masses, spring, log, track and ball beside what they can be."""
+    robot, law = e.section(Robot), e.section(Actuation)
+    if robot is not None:
+        yield from _robot(robot)
     if found.motor is not None:
-        stroke = float(np.ptp(found.motor[1]))
-        amplitude = law.amplitude or 0.0 if law is not None and law.moves else 0.0
-        full = 2.0 * amplitude
-        ratio = stroke / full if full else 0.0
-        if full and stroke > 0.0 and not 1.0 / FAR < ratio < FAR:
-            remedy = "position_m in mm, or the amplitude?" if _prefix(ratio) else "is it the log of this experiment?"
-            yield (
-                f"[motor_log] position_m moves by {stroke:.3g} m, [actuation] amplitude = {amplitude:g} m by "
-                f"{full:.3g} m ({ratio:.3g} times): {remedy}"
-            )
-        elif not full and stroke > LONGEST:
-            yield f"[motor_log] position_m moves by {stroke:.3g} m: in mm? then divide by 1000"
-    if found.track is not None:
-        rise = float(np.ptp(found.track[1]))
+        yield from _stroke(found.motor[1], law)
+    if found.rod is not None:
+        rise = float(np.ptp(found.rod.arrays[1]))
         if rise > LONGEST:
-            yield f"[rod_track] height_m moves by {rise:.3g} m: in mm? then divide by 1000"
+            said = f"[{found.name}] height_m moves by {rise:.3g} m: in mm? then divide by 1000"
+            yield StageWarning("unit", said, found.name, {"rise_m": rise})
     film, v = found.films.get("rod_video"), e.section(RodVideo)
     if film is not None and v is not None and v.scale and v.ball_diameter:
         across = v.ball_diameter / v.scale
         if not 3.0 <= across <= min(film.shape):
-            yield (
+            said = (
                 f"[rod_video] ball_diameter = {v.ball_diameter:g} m is {across:.3g} px at scale = {v.scale:g} m/px, in "
                 f"a picture of {film.shape[1]} x {film.shape[0]} px: is one of them in mm?"
             )
-    yield from _ringing(found, robot, law, mass)
+            yield StageWarning("unit", said, "rod_video", {"diameter_px": across})
 
 
-def _ringing(found: Found, robot: Robot | None, law: Actuation | None, mass: float | None) -> Iterator[str]:
-    """The frequency at the end of a track beside that of spring and masses; flights have none."""
-    if found.track is None or robot is None or not robot.spring_stiffness or not mass or law is None:
-        return
-    if law.kind != "none" and not law.moves:
-        return
-    t, h, _ = found.track
-    tail = t >= max(t[0], t[-1] - 0.5 * (t[-1] - max(law.stop, t[0]))) if law.moves else np.ones(t.size, bool)
-    if tail.sum() < 40 or law.stop > t[-1]:  # too few samples of a ring-down
-        return
-    noise = 1e-9 + float(np.std(np.diff(h[tail], 3))) / math.sqrt(20.0)
-    ring = ring_down(t[tail], h[tail], np.full(int(tail.sum()), noise))
-    if ring.reason or not ring.chi2 < 10.0 * ring.n or ring.frequency <= 0.0:
-        return
-    if doubt := other_spring(ring.frequency, robot.spring_stiffness, mass):
-        yield f"[rod_track] {doubt}"
+def _robot(robot: Robot) -> Iterator[StageWarning]:
+    """Robots that jump on a rail weigh less than 100 kg, and no spring gives 0.25 m under a robot's weight."""
+    heavy = [n for n in ("motor_mass", "rod_mass", "foot_mass") if (getattr(robot, n) or 0.0) > 100.0]
+    for name in heavy:
+        value = getattr(robot, name)
+        said = f"[robot] {name} = {value:g} kg: more than a jumping robot weighs; in grams? then give {value / 1e3:g}"
+        yield StageWarning("unit", said, "robot", {f"{name}_kg": value})
+    k, mass = robot.spring_stiffness, total_mass(robot)
+    if k and mass and not heavy and (sag := mass * robot.gravity / k) > 0.25:
+        said = (
+            f"[robot] spring_stiffness = {k:g} N/m: the robot's weight would press it by {sag:.3g} m; in N/mm? then "
+            f"give {1e3 * k:g}"
+        )
+        yield StageWarning("unit", said, "robot", {"sag_m": sag})
 
 
-def _clocks(e: Experiment, found: Found) -> Iterator[str]:
+def _stroke(position: Array, law: Actuation | None) -> Iterator[StageWarning]:
+    """How far the motor goes by its log, X_m (n,) [m], beside [actuation]."""
+    stroke = float(np.ptp(position))
+    full = 2.0 * (law.amplitude or 0.0) if law is not None and law.moves else 0.0
+    if full and stroke > 0.0 and not 1.0 / FAR < (ratio := stroke / full) < FAR:
+        unit = _prefix(ratio)
+        remedy = "position_m in mm, or the amplitude?" if unit else "is it the log of this experiment?"
+        said = (
+            f"[motor_log] position_m moves by {stroke:.3g} m, [actuation] amplitude = {0.5 * full:g} m by "
+            f"{full:.3g} m ({ratio:.3g} times): {remedy}"
+        )
+        yield StageWarning("unit" if unit else "differs", said, "motor_log", {"logged_m": stroke, "asked_m": full})
+    elif not full and stroke > LONGEST:
+        said = f"[motor_log] position_m moves by {stroke:.3g} m: in mm? then divide by 1000"
+        yield StageWarning("unit", said, "motor_log", {"logged_m": stroke})
+
+
+def _clocks(e: Experiment, found: Found) -> Iterator[StageWarning]:
     """Recordings that do not meet in time."""
     law, spans = e.section(Actuation), {}
     for name in ("rod_video", "grain_video"):
         if (film := found.films.get(name)) is not None and film.begin is not None and film.end is not None:
             spans[name] = film.begin, film.end
-    for name, log in (("motor_log", found.motor), ("rod_track", found.track)):
-        if log is not None:
+    for name, log in (("motor_log", found.motor), (found.name, None if found.rod is None else found.rod.arrays)):
+        if log is not None and name not in spans:
             spans[name] = float(log[0][0]), float(log[0][-1])
     if law is not None and not (law.moves and law.frequency is not None):
         law = None
@@ -258,14 +296,16 @@ def _clocks(e: Experiment, found: Found) -> Iterator[str]:
         first, last = spans[watched]
         told = f"[{name}] lasts from {begin:.4g} to {end:.4g} s, [{watched}] from {first:.4g} to {last:.4g} s"
         if end < first or begin > last:
-            yield f"{told}: they never meet; give start (s on the common clock), and times in seconds"
+            said = f"{told}: they never meet; give start (s on the common clock), and times in seconds"
+            yield StageWarning("clock", said, name, {"begin_s": begin, "end_s": end})
         elif name.endswith("_log") and last > first and _prefix((end - begin) / (last - first)):
-            yield f"{told}: {(end - begin) / (last - first):.3g} times as long; are its times in ms?"
+            said = f"{told}: {(end - begin) / (last - first):.3g} times as long; are its times in ms?"
+            yield StageWarning("unit", said, name, {"lasts_s": end - begin, f"{watched}_s": last - first})
     if law is not None and found.motor is not None:
         yield from _onset(found.motor, law)
 
 
-def _onset(motor: tuple[Array, Array], law: Actuation) -> Iterator[str]:
+def _onset(motor: tuple[Array, Array], law: Actuation) -> Iterator[StageWarning]:
     """When the log says that the motor starts, beside [actuation]."""
     t, x = motor
     rest = np.median(x[: max(x.size // 50, 3)])
@@ -277,34 +317,36 @@ def _onset(motor: tuple[Array, Array], law: Actuation) -> Iterator[str]:
         remedy = (
             "are its times in ms?" if law.start > 0.0 and _prefix(begins / law.start) else "is it on the common clock?"
         )
-        yield (
+        said = (
             f"[motor_log] moves from about {begins:.4g} s on, [actuation] start = {law.start:g} s: "
             f"{begins - law.start:+.3g} s apart; {remedy}"
         )
+        yield StageWarning("clock", said, "motor_log", {"logged_s": begins, "start_s": law.start})
 
 
-def _places(e: Experiment, found: Found) -> Iterator[str]:
+def _places(e: Experiment, found: Found) -> Iterator[StageWarning]:
     """Marks, feet and floors outside the picture that they are given in."""
     calibration = e.section(Calibration) or Calibration()
     for name, film in found.films.items():
         rows, columns = film.shape
         section = e.sections[name]
-        said: list[tuple[str, float, float]] = []
+        places: list[tuple[str, float, float]] = []
         for k, mark in enumerate(calibration.marks, 1):
-            said.append((f"[calibration] marks: mark {k}", mark[0], mark[1]))
+            places.append((f"[calibration] marks: mark {k}", mark[0], mark[1]))
         if doubt := calibration.centred(name, film.shape):
-            yield doubt
+            yield StageWarning("lens", doubt, name)
         if (moved := _by_lens(calibration, film.shape)) > 0.2:  # of a corner's distance: no lens bends so far
-            yield (
+            said = (
                 f"[calibration] the lens would move a corner of [{name}] by {moved:.0%} of its distance from centre = "
                 f"{list(calibration.centre)}: check centre (column, row), k1 and k2"
             )
+            yield StageWarning("lens", said, name, {"share": moved})
         for key in ("foot_row", "floor_row"):
             if (row := getattr(section, key, None)) is not None:
-                said.append((f"[{name}] {key}", 0.0, row))
+                places.append((f"[{name}] {key}", 0.0, row))
         if (column := getattr(section, "axis_column", None)) is not None:
-            said.append((f"[{name}] axis_column", column, 0.0))
-        for what, x, y in said:
+            places.append((f"[{name}] axis_column", column, 0.0))
+        for what, x, y in places:
             if not (-1.0 <= x <= columns and -1.0 <= y <= rows):
                 turned = -1.0 <= x <= rows and -1.0 <= y <= columns and section.path.suffix.lower() in (".h5", ".hdf5")
                 if turned and not section.axes:
@@ -313,10 +355,11 @@ def _places(e: Experiment, found: Found) -> Iterator[str]:
                         f'{rows} px: give axes = "frame,column,row" (MATLAB\'s h5write), or mend it'
                     )
                     continue
-                yield (
+                said = (
                     f"{what} = {x:g}, {y:g} (column, row) lies outside [{name}] of {columns} x {rows} px: "
                     "of another camera, or column and row exchanged?"
                 )
+                yield StageWarning("place", said, name, {"column_px": x, "row_px": y})
 
 
 def _by_lens(calibration: Calibration, shape: tuple[int, int]) -> float:
@@ -327,18 +370,19 @@ def _by_lens(calibration: Calibration, shape: tuple[int, int]) -> float:
     return float(np.abs(calibration.k1 * r2 + calibration.k2 * r2**2).max())
 
 
-def _names(e: Experiment) -> Iterator[str]:
+def _names(e: Experiment) -> Iterator[StageWarning]:
     """A folder that is named after another jump."""
     law = e.section(Actuation)
     if law is None:
         return
     name = e.name.lower().replace("-", "_").replace(" ", "_")
     doubt = f"but the experiment is called {e.name}: is it the right one?"
-    said = next((k for k in ("delayed_stutter", "stutter", "single") if k in name), None)
-    if said is not None and law.kind in PHASES and law.kind != said:
-        yield f'[actuation] kind = "{law.kind}", {doubt}'
+    kind = next((k for k in ("delayed_stutter", "stutter", "single") if k in name), None)
+    if kind is not None and law.kind in PHASES and law.kind != kind:
+        yield StageWarning("name", f'[actuation] kind = "{law.kind}", {doubt}', "actuation")
     found = re.search(r"(?<![0-9.])(\d+(?:\.\d+)?)_?hz", name)
     if found and law.frequency:
         rounding = 0.51 * 10.0 ** -len(found[1].partition(".")[2])
         if abs(float(found[1]) - law.frequency) > rounding:
-            yield f"[actuation] frequency = {law.frequency:g} Hz, {doubt}"
+            said = f"[actuation] frequency = {law.frequency:g} Hz, {doubt}"
+            yield StageWarning("name", said, "actuation", {"frequency_hz": law.frequency})

@@ -60,7 +60,7 @@ def open_film(section: RodVideo | GrainVideo, seen: Callable[[Image], None] | No
         )
     _refuse_outside(film, section)
     for text in film.warnings:
-        warnings.warn(text, StageWarning, stacklevel=3)
+        warnings.warn(StageWarning("frames", text, section.name), stacklevel=3)
     return film
 
 
@@ -198,7 +198,7 @@ def open_pictures(section: BedImage | CraterImage) -> Film:
     film = open_frames(section.path, frame_rate=getattr(section, "frame_rate", None) or 1.0, axes=section.axes)
     _refuse_outside(film, section)
     for text in film.warnings if len(film) > 1 else ():
-        warnings.warn(text, StageWarning, stacklevel=3)
+        warnings.warn(StageWarning("frames", text, section.name), stacklevel=3)
     return film
 
 
@@ -216,11 +216,8 @@ def view_of(calibration: Calibration | None, section: Filmed, shape: tuple[int, 
     if calibration and (doubt := calibration.centred(section.name, shape)):
         warnings.warn(doubt, StageWarning, stacklevel=3)
     if view.residual_px > 2.0:  # px rms: beyond, a wrong mark is more likely than a careless click
-        warnings.warn(
-            f"[calibration] marks miss their places in [{section.name}] by {view.residual_px:.1f} px rms: check them",
-            StageWarning,
-            stacklevel=3,
-        )
+        said = f"[calibration] marks miss their places in [{section.name}] by {view.residual_px:.1f} px rms: check them"
+        warnings.warn(StageWarning("place", said, "calibration", {"rms_px": view.residual_px}), stacklevel=3)
     return view
 
 

@@ -9,6 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
+from jumpvision.base.schema import StageWarning
 from jumpvision.estimate.estimate import independent
 from jumpvision.estimate.height import at_rest
 from jumpvision.estimate.mean import difference_noise
@@ -109,15 +110,18 @@ def hanging_foot(robot: Robot | None) -> tuple[float, float, float, float] | Non
     return robot.spring_stiffness, robot.foot_mass, mass, robot.gravity
 
 
-OTHER_SPRING = 1.3  # ratio of frequencies that no foot or damping makes: a stiffness off by 1.7
+OTHER_SPRING = 1.2  # ratio of frequencies that no foot, damping or hidden cause makes: a stiffness off by 1.44
 
 
-def other_spring(frequency: float, k: float, mass: float) -> str:
-    """What to doubt where a ring-down [Hz] is none of this spring [N/m] under this mass [kg]; "" where it may be."""
+def other_spring(frequency: float, k: float, mass: float) -> StageWarning | None:
+    """What to doubt where a ring-down [Hz] is none of this spring [N/m] under this mass [kg]; None where it may be."""
     expected = math.sqrt(k / mass) / (2.0 * math.pi)
     if 1.0 / OTHER_SPRING < frequency / expected < OTHER_SPRING:
-        return ""
-    return (
+        return None
+    return StageWarning(
+        "differs",
         f"rings at {frequency:.3g} Hz, spring_stiffness = {k:g} N/m under {mass:g} kg at {expected:.3g} Hz: the spring "
-        f"would have {mass * (2.0 * math.pi * frequency) ** 2:.4g} N/m; check units and masses"
+        f"would have {mass * (2.0 * math.pi * frequency) ** 2:.4g} N/m; check units and masses",
+        "robot",
+        {"seen_hz": frequency, "declared_hz": expected},
     )

@@ -81,7 +81,7 @@ def moved(model: Model, forcing: Forcing | Loop, stop: float, rod: RodMotion | N
         n = integrate(model, forcing, t=true, rtol=p.tolerance, atol=1e-9, stop=stop)
         columns = (n.rod, n.foot, n.motor, n.ground_force, n.spring_force)
         for said in beyond_seen(model, n):
-            warnings.warn(said, StageWarning, stacklevel=1)
+            warnings.warn(StageWarning("range", said, "model"), stacklevel=1)
     table = pd.DataFrame(dict(zip(Simulation.columns, (times, *columns), strict=True)))
     rest = table.rod_m.iloc[0]
     return Simulation(table.assign(rod_m=rest + model.filmed(table.rod_m.to_numpy() - rest, times)))
@@ -96,11 +96,8 @@ def build_model(
     for name, (low, high) in spec.fit.items():
         if name not in values:
             values[name] = 0.5 * (low + high)
-            warnings.warn(
-                f"[model] {name}: no value, only a range; the middle {values[name]:g} is used until it is fitted",
-                StageWarning,
-                stacklevel=2,
-            )
+            said = f"[model] {name}: no value, only a range; the middle {values[name]:g} is used until it is fitted"
+            warnings.warn(StageWarning("missing", said, "model"), stacklevel=2)
     phi, phi_sigma = packing(section, bed)
     if spec.laws:
         if phi is None:
@@ -110,7 +107,7 @@ def build_model(
         except ValueError as e:
             raise InputError([f"[model.laws] {e}"]) from None
         if said := spec.laws.continued(phi):
-            warnings.warn(f"[model.laws] {said}", StageWarning, stacklevel=2)
+            warnings.warn(StageWarning("range", f"[model.laws] {said}", "model"), stacklevel=2)
         values |= {name.removeprefix(OF_MODEL): float(x) for name, x in at.items()}
     try:
         return Model(
@@ -156,11 +153,8 @@ def driver(
         off = float(np.max(np.abs(position - known(time)[0])))
         if off <= p.encoder_step:
             return known, known.stop
-        warnings.warn(
-            f"the motor log leaves the commanded law by up to {off * 1e3:.3f} mm: the log drives the model",
-            StageWarning,
-            stacklevel=2,
-        )
+        said = f"the motor log leaves the commanded law by up to {off * 1e3:.3f} mm: the log drives the model"
+        warnings.warn(StageWarning("differs", said, "motor_log", {"apart_m": off}), stacklevel=2)
     spline = (from_motion if sand else from_log)(time, position, p.encoder_step / np.sqrt(12.0))
     return spline, known.stop if known is not None else last_motion(time, position, p)
 

@@ -58,22 +58,24 @@ def warn_of(found: Spring, robot: Robot | None) -> None:
     """Warnings: a loop, a curve instead of a line, another stiffness than [robot] gives."""
     k, h, bend = (found.fits.get(n) for n in ("spring_stiffness", "spring_hysteresis_N", "spring_curvature"))
     assert k is not None and bend is not None
-    said = []
+    said: list[tuple[str, str]] = []
     if h is not None and clear(h):
-        said.append(f"loading and unloading differ by {2 * h.value:.3g} ± {2 * h.sigma:.2g} N (hysteresis)")
+        said.append(("law", f"loading and unloading differ by {2 * h.value:.3g} ± {2 * h.sigma:.2g} N (hysteresis)"))
     if clear(bend):
         ends = [k.value + s * 0.5 * found.span * bend.value for s in (-1, 1)]
-        said.append(
+        text = (
             f"its force is no straight line: {ends[0]:.5g} to {ends[1]:.5g} N/m over the {1e3 * found.span:.3g} mm "
             "measured; spring_stiffness is that in the middle"
         )
+        said.append(("law", text))
     if robot and robot.spring_stiffness:
         apart, sigma = k.value - robot.spring_stiffness, math.hypot(k.sigma, robot.sigma.spring_stiffness)
         if abs(apart) > 3.0 * sigma:
             given = f"{robot.spring_stiffness:.5g} ± {robot.sigma.spring_stiffness:.2g}"
-            said.append(f"[robot] spring_stiffness = {given} N/m, the test gives {k.value:.5g} ± {k.sigma:.2g} N/m")
-    for text in said:
-        warnings.warn(text, StageWarning, stacklevel=3)
+            text = f"[robot] spring_stiffness = {given} N/m, the test gives {k.value:.5g} ± {k.sigma:.2g} N/m"
+            said.append(("differs", text))
+    for kind, text in said:
+        warnings.warn(StageWarning(kind, text, "spring_log"), stacklevel=3)
 
 
 def clear(e: Estimate) -> bool:

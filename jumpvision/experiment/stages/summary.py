@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,12 +15,12 @@ from jumpvision.experiment.results.summary import Summary, Uncertain
 from jumpvision.experiment.results.tables import Simulation
 from jumpvision.experiment.results.values import BedHeight, Fits
 from jumpvision.experiment.stages.bed.height import contradicted, packing, packing_common
-from jumpvision.experiment.workflow.stage import StageWarning, stage
+from jumpvision.experiment.workflow.stage import Said, StageWarning, stage
 
 FAR = 5.0  # factor between measured and simulated height that no model's error makes
 
 
-@stage(version=4, any_of=("fits", "bed"))
+@stage(version=5, any_of=("fits", "bed"))
 def summary(
     experiment: Experiment,
     law: Actuation | None,
@@ -26,15 +28,15 @@ def summary(
     simulation: Simulation | None,
     bed: BedHeight | None,
     section: Bed | None,
+    said: Said,
 ) -> Summary:
     """The experiment in a few numbers; null where unknown.
 
     Every value with `<key>_sigma` beside it (`sigma_m` for the jump height), and
-    `<key>_sigma_common` (`sigma_common_m`), the part of it that other experiments share.
+    `<key>_sigma_common` (`sigma_common_m`), the part of it that other experiments share. `warnings`:
+    [{kind, message, recording, values}] of all stages.
     """
     phi, phi_sigma = packing(section, bed)
-    if said := contradicted(section, bed):
-        warnings.warn(said, StageWarning, stacklevel=1)
 
     def fitted(name: str) -> Uncertain:
         e = fits.get(name) if fits else None
@@ -59,15 +61,29 @@ def summary(
         spring_stiffness=fitted("spring_stiffness"),
         simulated_height=simulated_height(simulation, law) if simulation else None,
     )
+    own = [*packed_otherwise(section, bed), *other_height(found)]
+    for doubt in own:
+        warnings.warn(doubt, stacklevel=2)
+    return replace(found, warnings=(*said, *(d.told for d in own)))
+
+
+def packed_otherwise(section: Bed | None, bed: BedHeight | None) -> Iterator[StageWarning]:
+    """A given volume fraction that is not that of the bed's picture."""
+    if text := contradicted(section, bed):
+        yield StageWarning("differs", text, "bed")
+
+
+def other_height(found: Summary) -> Iterator[StageWarning]:
+    """A measured height that no error of a model makes of the simulated one."""
+    measured = found.jump_height
     height, modelled = measured.value, found.simulated_height
     if height and modelled and not 1.0 / FAR < height / modelled < FAR:
-        warnings.warn(
+        yield StageWarning(
+            "differs",
             f"measured height {height:.3g} m, simulated {modelled:.3g} m ({height / modelled:.3g} times): check units, "
             "scale and masses",
-            StageWarning,
-            stacklevel=2,
+            values={"measured_m": height, "simulated_m": modelled},
         )
-    return found
 
 
 def simulated_height(simulation: Simulation, law: Actuation | None) -> float | None:

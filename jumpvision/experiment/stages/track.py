@@ -69,7 +69,9 @@ def from_film(
             tracks = [replace(ball, sigma=ball.sigma * FIELD_OF_FRAME.value) for ball in tracks]
         # with a tenth of the frames lost, the film is asked whether it is interlaced
         elif np.mean(tracks[0].flag != "") > 0.1 and (order := order_of(frames)):
-            warnings.warn(INTERLACED.format("[rod_video] fields", order), StageWarning, stacklevel=2)
+            warnings.warn(
+                StageWarning("frames", INTERLACED.format("[rod_video] fields", order), film.name), stacklevel=2
+            )
         other, exposure = other_lens(calibration, film, frames.shape), balls.exposure(frames)
         time = frames.time + exposure / 2
     motions = [ball_motion(film, ball, time, view, k + 1) for k, ball in enumerate(tracks)]
@@ -127,12 +129,12 @@ def at_mid_exposure(motion: pd.DataFrame, exposure: float, how: str) -> pd.DataF
     if how == "apply":
         if matters and left:
             text = f"exposure {exposure:g} s: acceleration {size}; not taken out of {left} frames without neighbours"
-            warnings.warn(text, StageWarning, stacklevel=2)
+            warnings.warn(StageWarning("exposure", text, "rod_video"), stacklevel=2)
         better = np.where(known, shift_sigma(sigma, time, exposure), sigma)
         return motion.assign(height_m=height - np.where(known, shift, 0.0), sigma_m=better)
     if matters:
         text = f'exposure {exposure:g} s: acceleration {size}; track.exposure_correction = "apply" takes it out'
-        warnings.warn(text, StageWarning, stacklevel=2)
+        warnings.warn(StageWarning("exposure", text, "rod_video"), stacklevel=2)
     return motion
 
 
@@ -150,11 +152,10 @@ def ball_motion(film: RodVideo, found: BallTrack, time: NDArray[np.float64], vie
         )
     if bad.any():
         lost = np.flatnonzero(bad)
-        warnings.warn(
-            f"{which}{lost.size} of {n} frames lost (first {lost[0]}: {flag[lost[0]]})", StageWarning, stacklevel=2
-        )
+        said = f"{which}{lost.size} of {n} frames lost (first {lost[0]}: {flag[lost[0]]})"
+        warnings.warn(StageWarning("frames", said, film.name, {"lost": int(lost.size), "of": n}), stacklevel=2)
     for note in found.notes:
-        warnings.warn(f"{which}{note}", StageWarning, stacklevel=2)
+        warnings.warn(StageWarning("frames", f"{which}{note}", film.name), stacklevel=2)
     x, y, sigma = (np.where(bad, np.nan, v) for v in (found.x, found.y, found.sigma))
     return pd.DataFrame(
         {
@@ -176,11 +177,8 @@ def with_rest_zero(motion: pd.DataFrame, actuation: Actuation | None) -> pd.Data
     good = motion.height_m.notna().to_numpy()
     rest = good & at_rest(motion.time_s, start) if start is not None else np.zeros_like(good)
     if actuation is not None and actuation.kind != "none" and not rest.any():
-        warnings.warn(
-            f"no good frame before the motor starts at {start:g} s: the first good frame is taken as rest",
-            StageWarning,
-            stacklevel=2,
-        )
+        said = f"no good frame before the motor starts at {start:g} s: the first good frame is taken as rest"
+        warnings.warn(StageWarning("missing", said, "rod_video"), stacklevel=2)
     if not rest.any():
         rest[np.flatnonzero(good)[0]] = True
     zeros = {

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TypedDict
 
 from jumpvision import __version__
+from jumpvision.base.schema import Told
 from jumpvision.base.storage import aside_folder, remove_aside, sealed, sha256, stamp, sync, unsealed, write_aside
 
 RECEIPT = "receipt.json"
@@ -32,7 +33,7 @@ class Receipt(TypedDict):
     version: int
     key: str
     versions: dict[str, str]  # of the packages that made it
-    warnings: list[str]
+    warnings: list[Told]
     not_applicable: list[str]  # why there is no record; empty where there is one
     outputs: dict[str, str]  # file: SHA-256
 
@@ -88,7 +89,7 @@ def receipt_of(entry: Path) -> Receipt:
         raise CorruptEntry(f"{entry}: unreadable in the cache ({type(e).__name__})") from e
     if named != (entry.parent.name, entry.name):
         raise CorruptEntry(f"{entry}: the cache holds the entry of another key there ({'/'.join(named)})")
-    if lacking:
+    if lacking or not all(isinstance(w, dict) for w in found["warnings"]):
         raise CorruptEntry(f"{entry}: its receipt is of another version of jumpvision")
     return found
 
@@ -126,7 +127,7 @@ def keep(
     fill: Callable[[Path], None],
     *,
     version: int,
-    warnings: list[str],
+    warnings: list[Told],
     not_applicable: list[str],
     good: Callable[[], bool],
 ) -> Receipt:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TypedDict
@@ -154,7 +154,7 @@ def _content(workspace: Workspace, before: Toml, still: Mapping[str, Made], comm
         "made": {n: _without_repeats(m, used) for n, m in made.items()},
         "warnings": [
             *(t for t in before.get("warnings", []) if str(t).partition(":")[0] in still),
-            *(f"{s.stage}: {w}" for s in workspace.steps for w in s.warnings),
+            *(f"{s.stage}: {w['message']}" for s in workspace.steps for w in s.warnings),
         ],
         "command": command,
         **_terms(workspace.experiment.header),
@@ -173,13 +173,20 @@ def _without_repeats(made: Made, used: Mapping[str, set[str]]) -> Made:
 
 
 def settle_tables(
-    results: Path, made_of: Mapping[str, str], written: Iterable[str], command: str, *, lasting: Iterable[str] = ()
+    results: Path,
+    made_of: Mapping[str, str],
+    written: Iterable[str],
+    command: str,
+    *,
+    warnings: Sequence[Mapping[str, object]] = (),
+    lasting: Iterable[str] = (),
 ) -> list[str]:
     """End a campaign's run, and say so in campaign.json: tables of earlier runs stay only while the experiments are
     what they were made of.
 
     made_of: digest of each experiment by name; written: names of this run's tables; lasting: of those that stay though
-    they are of other values. Returns notes on what was left.
+    they are of other values; warnings: of the experiments, beside those of before where only some stages were asked for
+    and nothing has changed. Returns notes on what was left.
     """
     file = results / files.CAMPAIGN
     try:
@@ -205,7 +212,10 @@ def settle_tables(
             old.unlink(missing_ok=True)
     if of_others := sorted(set(lasting) & tables.keys() - set(written)) if then != made_of else []:
         notes.append(f"{', '.join(of_others)} in {results}: of other values than these results; they were left alone")
-    told = {"tables": tables, "experiments": dict(sorted(made_of.items())), "command": command}
+    said = [*warnings]
+    if lasting and then == made_of:  # only some stages were asked for
+        said = [*before.get("warnings", []), *(w for w in said if w not in before.get("warnings", []))]
+    told = {"tables": tables, "experiments": dict(sorted(made_of.items())), "warnings": said, "command": command}
     known = before if earlier or then else {}
     if told != known and (tables or known):
         write_aside(file, json.dumps(told, indent=1) + "\n")

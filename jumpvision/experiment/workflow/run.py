@@ -14,7 +14,7 @@ from pathlib import Path
 
 from jumpvision.base.progress import HOOK, SHARE, WORKERS, Hook, Shared, setting
 from jumpvision.base.record import Record, plain
-from jumpvision.base.schema import InputError, Toml, closest
+from jumpvision.base.schema import InputError, Told, Toml, closest
 from jumpvision.base.storage import sweep_leftovers
 from jumpvision.experiment.inputs.experiment import Experiment
 from jumpvision.experiment.inputs.model import tables_of
@@ -83,8 +83,22 @@ class Outcome:
         return sum(s.state == "computed" for s in self.steps)
 
     @property
-    def warnings(self) -> list[str]:
-        return [*(f"{s.stage}: {w}" for s in self.steps for w in s.warnings), *self.notes]
+    def warnings(self) -> list[Told]:
+        """What its stages had to say, each once, in the order of `told_by`."""
+        return [told for _, told in self.told_by]
+
+    @property
+    def told_by(self) -> list[tuple[str, Told]]:
+        """The same, with the stage that said it first."""
+        out: list[tuple[str, Told]] = []
+        for s in self.steps:
+            out += [(s.stage, w) for w in s.warnings if all(w != known for _, known in out)]
+        return out
+
+    @property
+    def said(self) -> list[str]:
+        """The same as lines for people, and notes on files of earlier runs."""
+        return [*(f"{stage}: {w['message']}" for stage, w in self.told_by), *self.notes]
 
     @property
     def older(self) -> list[str]:

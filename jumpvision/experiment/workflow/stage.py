@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from jumpvision.base.record import Record
 
 from jumpvision.base.schema import StageWarning as StageWarning
+from jumpvision.base.schema import Told
 
 FOLDER = Path(__file__).parents[1] / "stages"  # every module below it may hold stages
 PACKAGE = "jumpvision.experiment.stages"
@@ -33,6 +34,12 @@ class Input:
     name: str
     type: type
     optional: bool
+
+
+class Said(list[Told]):
+    """An input: what all other stages that make results had to say of the experiment, each warning once."""
+
+    file = "what was said"
 
 
 class Inputs:
@@ -136,8 +143,9 @@ def import_all(package: str) -> None:
 
 
 def in_order(stages: Iterable[Stage]) -> list[Stage]:
-    """Each after those of them whose records it reads, else as given."""
-    waiting, out = list(stages), []
+    """Each after those of them whose records it reads, else as given; last those that read what the others say."""
+    waiting = sorted(stages, key=lambda s: any(i.type is Said for i in s.inputs))
+    out: list[Stage] = []
     while waiting:
         missing = {s.output for s in waiting}
         ready = next((s for s in waiting if not any(i.type in missing for i in s.inputs)), None)

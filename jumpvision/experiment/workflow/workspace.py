@@ -21,7 +21,7 @@ from typing import Any, TypeVar, cast
 
 from jumpvision.base.progress import KEEPER, Shared, setting
 from jumpvision.base.record import Record
-from jumpvision.base.schema import InputError, read
+from jumpvision.base.schema import InputError, Told, read, told_in
 from jumpvision.base.storage import (
     HASHES,
     ChangedFile,
@@ -39,7 +39,7 @@ from jumpvision.experiment.inputs.sections import MissingKey, NotApplicable, Sec
 
 from . import entries
 from .entries import ATTEMPTS, CorruptEntry, Receipt
-from .stage import STAGES, Input, Stage, StageWarning
+from .stage import STAGES, Input, Said, Stage, StageWarning, results_stages
 
 R = TypeVar("R", bound=Record)
 
@@ -51,7 +51,7 @@ class Step:
     stage: str
     state: str  # "computed" | "cached"
     seconds: float
-    warnings: list[str]
+    warnings: list[Told]
     key: str
     versions: Mapping[str, str]
     files: Mapping[str, str]  # name: SHA-256
@@ -101,7 +101,7 @@ class Workspace:
         """The sections that are missing for a section or record to be there; "" when it can be had."""
         if issubclass(kind, Section):
             return "" if self.experiment.section(kind) is not None else f"[{kind.name}]"
-        if kind is Experiment:
+        if kind is Experiment or kind is Said:
             return ""
         made = STAGES[kind]
         absent = {i.name: lack for i in made.inputs if (lack := self._lack(i.type))}
@@ -146,6 +146,26 @@ class Workspace:
         if self._lack(i.type) or (i.optional and self._nothing_to_do(i.type)):
             return None
         return self.key(i.type)
+
+    def said(self) -> Said:
+        """What the stages that make results had to say, made now or in the cache; not those that read it themselves."""
+        now = {s.stage: s.warnings for s in self.steps}
+        out = Said()
+        for made in results_stages():
+            if not any(i.type is Said for i in made.inputs):
+                told = now[made.name] if made.name in now else self._said_before(made)
+                out += [t for t in told if t not in out]
+        return out
+
+    def _said_before(self, made: Stage) -> list[Told]:
+        """What a stage that is not made now said of the folder as it is; nothing where it has not run."""
+        if made.output in self._failed or self.missing(made.output):
+            return []
+        try:
+            receipt = entries.receipt_of(entries.place(self.cache, made.name, self.key(made.output)))
+            return [] if receipt["not_applicable"] else receipt["warnings"]
+        except (CorruptEntry, InputError, OSError):
+            return []
 
     def _nothing_to_do(self, output: type) -> bool:
         """Whether it is known that the stage finds nothing to do."""
@@ -214,7 +234,7 @@ class Workspace:
                 if self.computes == "nothing" or (self.computes == "pictures" and not made.picture):
                     raise NotCached(made.name) from None
                 if isinstance(e, CorruptEntry):
-                    warnings.warn(f"{e}; computed again", StageWarning, stacklevel=2)
+                    warnings.warn(StageWarning("cache", f"{e}; computed again"), stacklevel=2)
                 record, receipt = self._compute(made, arguments, key)
                 state = "computed"
             try:
@@ -243,6 +263,8 @@ class Workspace:
 
     def _input(self, i: Input) -> tuple[object, object]:
         """(what identifies it, the argument)."""
+        if i.type is Said:
+            return (told := self.said()), told
         if i.type is Experiment:
             e = self.experiment
             return [e.name, e.header.group, e.ground], e
@@ -282,7 +304,7 @@ class Workspace:
                 e.add_note(f"in stage '{made.name}' of {self.experiment.path}")
                 raise
         # a picture reads the film that its stage has read: its warnings are known
-        notes = [str(w.message) for w in caught if issubclass(w.category, StageWarning) and not made.picture]
+        notes = [] if made.picture else told_in(caught)
         for w in caught:
             if not issubclass(w.category, StageWarning):
                 warnings.warn_explicit(w.message, w.category, w.filename, w.lineno)

@@ -63,7 +63,8 @@ def triangulate(
     flag = np.select([unseen, lost, apart], why, "")
     if apart.any():
         text = f"{np.count_nonzero(apart)} of {len(time)} frames: the two rays miss each other by more than {FAR} sigma"
-        warnings.warn(f"{text}; do both follow the same body? check marks and offset too", StageWarning, stacklevel=2)
+        said = f"{text}; do both follow the same body? check marks and offset too"
+        warnings.warn(StageWarning("differs", said), stacklevel=2)
     place, sigma = (np.where((lost | apart)[:, None], np.nan, a) for a in (found.place, found.sigma))
     out = pd.DataFrame({"frame": range(len(time)), "time_s": time})
     for k, axis in enumerate("xyz"):

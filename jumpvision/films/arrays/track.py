@@ -74,10 +74,10 @@ def track(
     if halved:
         found = [replace(ball, sigma=ball.sigma * FIELD_OF_FRAME.value) for ball in found]
     elif order := order_of(images):
-        warnings.warn(INTERLACED.format("fields", order), StageWarning, stacklevel=2)
+        warnings.warn(StageWarning("frames", INTERLACED.format("fields", order)), stacklevel=2)
     for number, ball in enumerate(found, 1):
         for note in ball.notes:
-            warnings.warn(f"ball {number}: {note}" if markers else note, StageWarning, stacklevel=2)
+            warnings.warn(StageWarning("frames", f"ball {number}: {note}" if markers else note), stacklevel=2)
     time = np.arange(len(images)) / frame_rate + exposure / 2.0
     bodies = [_in_pixels(ball, time, exposure) for ball in found]
     if masses:

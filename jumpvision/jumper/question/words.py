@@ -10,6 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from jumpvision.base.numbers import said
 from jumpvision.engine.document import values as record
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.document import agreement, document, interval
@@ -203,7 +204,7 @@ def words_of(d: Diagnosis, lacks: Mapping[str, str] = MappingProxyType({})) -> W
     """The words of jumps. lacks: as above."""
     return Words(
         misses=_misses(d),
-        size=lambda x: f"{1e3 * x:.2g} mm",
+        size=lambda x: f"{said(x, '.2g', 1e3)} mm",
         recordings="measured jumps",
         vocabulary="vocabulary",
         error="held-out track error",
@@ -227,14 +228,14 @@ def _misses(d: Diagnosis) -> str:
     kind, off = max(means.items(), key=lambda x: abs(x[1].mean()) if x[1].size else 0.0, default=("", np.zeros(0)))
     if not off.size or abs(mean := float(off.mean())) < HEIGHTS_AGREE:
         return f"The simulation meets the measured heights to {1e3 * HEIGHTS_AGREE:g} mm but not the tracks"
-    error = float(off.std() / math.sqrt(len(by_kind[kind])))
+    error = f" ± {said(float(off.std() / math.sqrt(off.size)), '.1f', 1e3)}" if off.size > 1 else ""
     over = "over-predicts" if mean > 0 else "under-predicts"
-    return f"The simulation {over} {kind.replace('_', ' ')} jumps by {1e3 * abs(mean):.1f} ± {1e3 * error:.1f} mm"
+    return f"The simulation {over} {kind.replace('_', ' ')} jumps by {said(abs(mean), '.1f', 1e3)}{error} mm"
 
 
 def confirmed(d: Diagnosis) -> str | None:
     """The measurements by films and tests beside the jumps, in plain words; None where there is nothing to say."""
-    masses = [r for r in d.confirmation if r.depth_m is not None]
+    masses = [r for r in d.confirmation if math.isfinite(r.by_film + r.by_jumps + (r.depth_m or math.nan))]
     apart = contradictions(d, APART)
     if apart or "added_mass" not in d.named or not masses:
         return apart
@@ -242,6 +243,6 @@ def confirmed(d: Diagnosis) -> str | None:
     film = plus_minus(1e3 * row.by_film, 1e3 * row.by_film_sigma)
     jumps = plus_minus(1e3 * row.by_jumps, 1e3 * row.by_jumps_sigma)
     return (
-        f"The jumps alone imply {jumps} g of sand moving with the foot {1e3 * (row.depth_m or 0.0):.0f} mm deep; "
+        f"The jumps alone imply {jumps} g of sand moving with the foot {said(row.depth_m, '.0f', 1e3)} mm deep; "
         f"the grain film {row.experiment} shows {film} g."
     )

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jumpvision.base.arrays import Array
+from jumpvision.base.numbers import between, times
 from jumpvision.engine.detect import LEVEL
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.values import Cell, Gain
@@ -263,14 +264,13 @@ def marked(cells: Sequence[Cell]) -> str:
 
 def gain_panel(g: Gain) -> Panel:
     """Errors of jumps held out, by the baseline and by the extended model."""
-    low, high = g.ratio_ci95
     before = np.array([g.rmse_track_before_m, g.rmse_height_before_m]) * 1e3
     after = np.array([g.rmse_track_after_m, g.rmse_height_after_m]) * 1e3
     bars = [
         series("baseline", "model", before, range(2), kind="bars"),
         series("extended", "green", after, range(2), kind="bars"),
     ]
-    title = f"jumps held out: track {g.ratio:.3g}× better ({low:.3g} to {high:.3g})"
+    title = f"jumps held out: track {times(g.ratio, mark='×')} better{between(*g.ratio_ci95)}"
     return panel(title, axis("rms error", "mm", log=True), axis("of", names=["track", "height"]), bars)
 
 

@@ -72,9 +72,10 @@ def write_campaign(
     rows: list[JumpRow],
     results: Path,
     diagnosis: Diagnosis | None,
+    warned: list[str],
     key: str,
 ) -> None:
-    """The page of a campaign."""
+    """The page of a campaign. warned: what is to be doubted of it, in sentences."""
     from jumpvision.experiment.campaign.measured.actuator import actuator_bandwidth, driven
     from jumpvision.experiment.campaign.measured.craters import measured_in, zero_crossing
     from jumpvision.experiment.campaign.measured.intrusions import intrusion_laws, slow_intrusions
@@ -120,7 +121,7 @@ def write_campaign(
             if shown is not None and (shown.results / f).exists()
         ],
         film=moving,
-        warnings=[f"{o.name}: {w}" for o in outcomes for w in o.warnings],
+        warnings=warned,
         excluded=campaign.excluded,
         failed=[o for o in outcomes if o.errors],
         done=sum(not o.errors for o in outcomes),
@@ -198,7 +199,7 @@ def write_experiment(outcome: Outcome, law: Actuation | None, back: str, receipt
             if (folder / f).exists()
         ],
         fits=fit_rows(fits, whole=whole_disc(folder)),
-        warnings=outcome.warnings,
+        warnings=outcome.said,
         errors=outcome.errors,
         not_run=outcome.not_run,
         provenance={

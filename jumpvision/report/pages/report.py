@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.resources import files as resources
 from pathlib import Path
@@ -31,9 +32,13 @@ def write_report(
     results: Path,
     *,
     single: bool,
+    warned: Sequence[Mapping[str, object]] = (),
     diagnosis: Diagnosis | None = None,
 ) -> Path:
-    """Write the pages and return the path of the one to open: of the campaign, or of the only experiment."""
+    """Write the pages and return the path of the one to open: of the campaign, or of the only experiment.
+
+    warned: what is to be doubted of a campaign, as in campaign.json.
+    """
     laws = {e.name: e.section(Actuation) for e in campaign.experiments}
     keys = []
     for o in outcomes:
@@ -47,11 +52,14 @@ def write_report(
         return outcomes[0].results / files.REPORT
     true = [dict(truth_of(campaign.path)), coverage_words(campaign, outcomes)]
     shown = [[r.cells() for r in rows], diagnosis and diagnosis.values, dict(campaign.excluded), true]
-    key = digest_of([*keys, json.dumps(plain(shown))])
+    said = [f"{w['experiment']}: {w['message']}" for w in warned] + [
+        f"{o.name}: {n}" for o in outcomes for n in o.notes
+    ]
+    key = digest_of([*keys, *said, json.dumps(plain(shown))])
     if not made_from(results / files.REPORT, key):
         from .page import write_campaign
 
-        write_campaign(campaign, outcomes, rows, results, diagnosis, key)
+        write_campaign(campaign, outcomes, rows, results, diagnosis, said, key)
     return results / files.REPORT
 
 
@@ -59,7 +67,7 @@ def _experiment(outcome: Outcome, law: Actuation | None, *, back: str) -> str:
     """The page of one experiment, unless the one there was made from the same results; the digest of these."""
     provenance = outcome.results / files.PROVENANCE
     receipt = provenance.read_text(encoding="utf-8") if provenance.exists() else ""
-    key = digest_of([back, *outcome.errors, *outcome.warnings, *outcome.not_run, receipt])
+    key = digest_of([back, *outcome.errors, *outcome.said, *outcome.not_run, receipt])
     if not made_from(outcome.results / files.REPORT, key):
         from .page import write_experiment
 

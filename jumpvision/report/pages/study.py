@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 from jumpvision import __version__
+from jumpvision.base.numbers import between, said, times
 from jumpvision.base.storage import write_aside
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.sentence import plus_minus
@@ -50,7 +50,7 @@ def page(d: Diagnosis, png: bytes, title: str) -> str:
             causes_shown(d), detectable_shown(d), measured_rows(d), picture=inline(png), varies=varies
         ),
         fitted=[{"parameter": n, "value": typeset(str(p))} for n, p in (d.fitted or {}).items()],
-        runs=f"{runs.made} simulations made, {runs.kept} kept from before, {runs.seconds:.3g} s" if runs else "",
+        runs=f"{runs.made} simulations made, {runs.kept} kept from before, {said(runs.seconds)} s" if runs else "",
         failures=runs.failures[:10] if runs else (),  # runs that are listed
     )
 
@@ -58,12 +58,12 @@ def page(d: Diagnosis, png: bytes, title: str) -> str:
 def facts(d: Diagnosis) -> list[tuple[str, str, str]]:
     """(value, unit, what it is) of the numbers at the head."""
     unit = {"1": "", "noise": "noise"}.get(d.unit or "1", d.unit or "")
-    out = [(f"{d.baseline.rmse_track_m:.3g}", unit, "error of the simulation, rms")]
+    out = [(said(d.baseline.rmse_track_m), unit, "error of the simulation, rms")]
     if d.gain:
-        low, high = d.gain.ratio_ci95
-        sure = f" ({low:.3g} to {high:.3g})" if math.isfinite(high) else ""
-        out.append((f"{d.gain.ratio:.3g}×", "", f"smaller error on recordings held out{sure}"))
-    out.append((f"{d.p_value:.2g}", "", "probability of such residuals by noise alone"))
+        out.append(
+            (times(d.gain.ratio, mark="×"), "", f"smaller error on recordings held out{between(*d.gain.ratio_ci95)}")
+        )
+    out.append((said(d.p_value, ".2g"), "", "probability of such residuals by noise alone"))
     return out
 
 
@@ -75,7 +75,7 @@ def measured_rows(d: Diagnosis) -> list[dict[str, str]]:
             "by": r.source,
             "measured": typeset(plus_minus(r.by_film, r.by_film_sigma)),
             "recordings alone": typeset(plus_minus(r.by_jumps, r.by_jumps_sigma)),
-            "apart": f"{abs(r.z):.1f} sigma",
+            "apart": f"{said(abs(r.z), '.1f')} sigma",
         }
         for r in d.confirmation
     ]

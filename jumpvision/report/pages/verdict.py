@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from jumpvision.base.numbers import said
 from jumpvision.engine.document.diagnosis import Diagnosis, chance, strength
 from jumpvision.experiment.campaign.truth import Truth, true_parameters
 from jumpvision.jumper.mechanisms.registry import PARAMETERS
@@ -58,7 +59,7 @@ def causes_shown(d: Diagnosis, truth: Truth | None = None) -> list[dict[str, str
         {
             "mechanism": " and ".join(mechanism_said(d, m) for m in c.mechanisms),
             "probability": chance(c.probability),
-            "gain": typeset(f"{c.delta_score:.3g}"),
+            "gain": typeset(said(c.delta_score)),
             "words": typeset(c.words),
             "meanings": typeset("; ".join(f"{n}: {PARAMETERS[n].meaning}" for n in c.parameters if n in PARAMETERS)),
             "true": typeset(true_parameters(c, truth)) if truth and d.names(c) else "",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jumpvision.base.arrays import Image, measured
+from jumpvision.base.numbers import between, said, times
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.values import Noise
 from jumpvision.estimate.crater import ZeroCrossing
@@ -32,18 +34,17 @@ def campaign_words(
     rows: Sequence[JumpRow], diagnosis: Diagnosis | None, craters: ZeroCrossing | None, intruded: int
 ) -> tuple[str, Numbers]:
     """(sentence, numbers) of a campaign; the diagnosis' sentence where there is one."""
-    jumped = [r for r in rows if r.summary.jump_height.value is not None]
+    jumped = [r for r in rows if math.isfinite(r.summary.jump_height.numbers[0])]
     h, s, _ = np.reshape([r.summary.jump_height.numbers for r in jumped], (-1, 3)).T * 1e3
     model = numbered([r.summary.simulated_height for r in jumped]) * 1e3
     if diagnosis:
-        facts = [(f"{1e3 * diagnosis.baseline.rmse_height_m:.3g}", "mm", "error of the simulated heights, rms")]
+        facts = [(said(diagnosis.baseline.rmse_height_m, factor=1e3), "mm", "error of the simulated heights, rms")]
         if g := diagnosis.gain:
-            low, high = g.ratio_ci95
-            said = f"smaller track error on jumps held out, with the extended model ({low:.3g} to {high:.3g})"
-            facts.append((f"{g.ratio:.3g}×", "", said))
+            what = "smaller track error on jumps held out, with the extended model"
+            facts.append((times(g.ratio, mark="×"), "", what + between(*g.ratio_ci95)))
         else:
             facts.append((probability(diagnosis.p_value), "", "probability of such residuals by noise alone"))
-        noise = f"questioned, noise {1e3 * diagnosis.noise.sigma_m:.2g} mm a frame"
+        noise = f"questioned, noise {said(diagnosis.noise.sigma_m, '.2g', 1e3)} mm a frame"
         facts.append((str(len(diagnosis.heights)), "jumps", noise))
         return diagnosis.sentence, facts
     if jumped:
@@ -73,7 +74,7 @@ def noise_words(noise: Noise) -> str:
         for k, s in noise.sources.items()
         if s
     )
-    return f"Noise: {1e3 * noise.sigma_m:.3g} mm a frame" + (f"; {sources}." if sources else ".")
+    return f"Noise: {said(noise.sigma_m, factor=1e3)} mm a frame" + (f"; {sources}." if sources else ".")
 
 
 SOURCES = {"stated": "stated", "rest": "at rest", "flight": "in flight", "repeats": "between repeats"}
@@ -126,7 +127,7 @@ OTHERS = (  # name in fits.json or intrusion.json, what it is, unit, factor
 
 def probability(p: float) -> str:
     """0.034, or < 0.0001."""
-    return f"{p:.2g}" if p >= 1e-4 else "< 0.0001"
+    return "< 0.0001" if p < 1e-4 else said(p, ".2g")
 
 
 PREVIEW = 640  # px wide

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
-from jumpvision.base.schema import Doubt
 from jumpvision.estimate.crater import Crater, line_crater
 from jumpvision.estimate.crater_map import map_crater
 from jumpvision.experiment.inputs.sections import Bed, Calibration, CraterDepth, CraterImage, need
@@ -76,7 +75,8 @@ def from_line(
     if lost.all():
         raise ValueError(f"{section.path}: {seen.flag[0]}; a bright line on a darker bed is needed")
     if lost.mean() > 0.2:
-        warnings.warn(f"no line in {lost.sum()} of {lost.size} columns", StageWarning, stacklevel=3)
+        said = f"no line in {lost.sum()} of {lost.size} columns"
+        warnings.warn(StageWarning("frames", said, section.name), stacklevel=3)
     row = np.where(lost, np.interp(seen.column, seen.column[~lost], seen.row[~lost]), seen.row)
     x = view.across(seen.column, row)
     rise = 1.0 / math.sin(section.laser_angle)
@@ -100,7 +100,9 @@ def from_map(section: CraterDepth, p: CraterParams) -> tuple[Crater, float, None
     if deep > wide:
         said = f"[crater_depth] is {deep:.3g} m deep and {wide:.3g} m wide: in mm? then give height_scale = "
         warnings.warn(
-            Doubt("crater in another unit", f"{said}{section.height_scale / 1e3:g}", section.name, {"depth_m": deep}),
+            StageWarning(
+                "unit", f"{said}{section.height_scale / 1e3:g}", section.name, {"depth_m": deep, "width_m": wide}
+            ),
             stacklevel=2,
         )
     axis = (section.axis[0] * scale, -section.axis[1] * scale) if section.axis else None

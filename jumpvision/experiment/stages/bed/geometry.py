@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 import scipy
 
-from jumpvision.base.schema import read
+from jumpvision.base.schema import Told, read, told_in
 from jumpvision.experiment.inputs.experiment import Experiment
 from jumpvision.experiment.inputs.model import ModelSpec
 from jumpvision.experiment.inputs.parameters import GeometryParams
@@ -53,7 +53,7 @@ def geometry(
         raise NotApplicable(["geometry needs [bed] length and width with [robot] foot_radius, or [bed] grain_diameter"])
     for f in findings:
         if not f.ok:
-            warnings.warn(f"{f.check}: {f.text}", StageWarning, stacklevel=2)
+            warnings.warn(StageWarning("walls", f"{f.check}: {f.text}", "bed"), stacklevel=2)
     return Geometry(
         {
             "findings": [cast(Checked, dataclasses.asdict(f)) for f in findings],
@@ -157,7 +157,7 @@ def fluidised(
     return out, [finding]
 
 
-def check_geometry(experiment: Experiment) -> tuple[GeometryValues | None, list[str]]:
+def check_geometry(experiment: Experiment) -> tuple[GeometryValues | None, list[Told]]:
     """(what geometry.json would hold, warnings) from the folder's numbers alone; None where they do not suffice."""
     if experiment.section(Bed) is None:
         return None, []
@@ -169,4 +169,4 @@ def check_geometry(experiment: Experiment) -> tuple[GeometryValues | None, list[
             found = geometry(*given, None, p=parameters)
         except NotApplicable:
             return None, []
-    return found.values, [str(w.message) for w in caught if issubclass(w.category, StageWarning)]
+    return found.values, told_in(caught)

@@ -29,12 +29,11 @@ def bed(image: BedImage, section: Bed | None, calibration: Calibration | None, *
     pixels, surfaces, time, view, other = surfaces_of(image, calibration, p)
     scale = view.scale
     if saturated := max(s.clipped / s.row.size for s in pixels):
-        warnings.warn(
+        said = (
             f"the light is saturated in {100 * saturated:.0f} % of the columns: the surface is known there only to a "
-            "tenth of a pixel or worse (sigma says so); expose less, or give [bed_image] saturation if that is wrong",
-            StageWarning,
-            stacklevel=2,
+            "tenth of a pixel or worse (sigma says so); expose less, or give [bed_image] saturation if that is wrong"
         )
+        warnings.warn(StageWarning("light", said, image.name, {"share": saturated}), stacklevel=2)
     found = [bed_height(s, 0.0) for s in surfaces]
     chosen = 0 if image.use == "first" else len(found) - 1
     best, surface = found[chosen], surfaces[chosen]

@@ -106,15 +106,15 @@ def under_the_foot(
     if "foot_y" not in field and robot is None:
         return out  # a flow of its own
     if lacking:
-        warnings.warn(f"no momentum and added mass: {', '.join(lacking)} missing", StageWarning, stacklevel=3)
+        said = f"no momentum and added mass: {', '.join(lacking)} missing"
+        warnings.warn(StageWarning("missing", said, source.name), stacklevel=3)
         return out
     speed, speed_sigma = -field.foot_v.values, field.foot_v_sigma.values
     out["foot_depth"] = (p.initial_depth - field.foot_y.values, "m")
     out["foot_speed"], out["foot_speed_sigma"] = (speed, "m/s"), (speed_sigma, "m/s")
     if sums is None:
-        warnings.warn(
-            "no momentum and added mass: the volume fraction is not known ([bed])", StageWarning, stacklevel=3
-        )
+        said = "no momentum and added mass: the volume fraction is not known ([bed])"
+        warnings.warn(StageWarning("missing", said, "bed"), stacklevel=3)
         return out
     radius = robot.foot_radius if robot else None
 

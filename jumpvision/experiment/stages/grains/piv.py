@@ -211,7 +211,8 @@ def follow_foot(frames: Film, film: GrainVideo, robot: Robot | None, p: PivParam
         keeper.put(FOOT, found.as_bytes())
     lost = np.flatnonzero(~np.isfinite(found.row))
     if lost.size:
-        warnings.warn(f"foot lost in {lost.size} of {len(frames)} frames (first {lost[0]})", StageWarning, stacklevel=2)
+        said = f"foot lost in {lost.size} of {len(frames)} frames (first {lost[0]})"
+        warnings.warn(StageWarning("frames", said, film.name), stacklevel=2)
     return found
 
 

@@ -111,11 +111,8 @@ def add_plug(data: xr.Dataset, robot: Robot | None, overlap: float, window: floa
     data["chc"] = data.chc.where(~covers, 0.0)
     lost = int(np.sum(~np.isfinite(found.foot_y)))
     note = f"; not in the last {lost} of {data.sizes['t']} fields: no vectors under it" if lost else ""
-    warnings.warn(
-        f"the foot's motion is that of the grains under it, and right only while it pushes them{note}",
-        StageWarning,
-        stacklevel=4,
-    )
+    said = f"the foot's motion is that of the grains under it, and right only while it pushes them{note}"
+    warnings.warn(StageWarning("missing", said, "piv_field"), stacklevel=4)
 
 
 def _problem(section: PivField, text: str) -> InputError:
