@@ -334,13 +334,13 @@ def _places(e: Experiment, found: Found) -> Iterator[StageWarning]:
         for k, mark in enumerate(calibration.marks, 1):
             places.append((f"[calibration] marks: mark {k}", mark[0], mark[1]))
         if doubt := calibration.centred(name, film.shape):
-            yield StageWarning("lens", doubt, name)
+            yield StageWarning("place", doubt, name)
         if (moved := _by_lens(calibration, film.shape)) > 0.2:  # of a corner's distance: no lens bends so far
             said = (
                 f"[calibration] the lens would move a corner of [{name}] by {moved:.0%} of its distance from centre = "
                 f"{list(calibration.centre)}: check centre (column, row), k1 and k2"
             )
-            yield StageWarning("lens", said, name, {"share": moved})
+            yield StageWarning("place", said, name, {"share": moved})
         for key in ("foot_row", "floor_row"):
             if (row := getattr(section, key, None)) is not None:
                 places.append((f"[{name}] {key}", 0.0, row))
