@@ -20,7 +20,7 @@ WIDER = 1.05  # factor on intervals from which it is said
 def sentence(d: Diagnosis, words: Words, stopped: str = "") -> str:
     """The verdict in plain words. stopped: what kept it from being whole."""
     varies = [v for v in d.varies if v.established]
-    those = capital("; ".join(clauses(varies, words)))
+    those = capital("; ".join(clauses(varies, words))) + ("" if d.named else _twins(d, words))
     agrees = f"he simulation agrees with the {words.recordings} within their noise (p = {said(d.p_value, '.2g')})."
     if d.adequate:
         return f"{those}; {_mended(varies)} t{agrees}" if varies else f"T{agrees}"
@@ -40,6 +40,14 @@ def _mended(varies: Sequence[record.Varies]) -> str:
     if any(v.kind is not record.Pattern.ODD for v in varies):
         return "with that"
     return "without it" if len({name for v in varies for name in v.recordings}) == 1 else "without them"
+
+
+def _twins(d: Diagnosis, words: Words) -> str:
+    """Causes that would do as well."""
+    if not d.indistinguishable:
+        return ""
+    twins = "; ".join(" or ".join(_listed([m], words.called) for m in t) for t in d.indistinguishable)
+    return f" (the data cannot tell apart: {twins})"
 
 
 def _more(d: Diagnosis) -> str:
@@ -104,9 +112,7 @@ def _named_rest(d: Diagnosis, words: Words) -> str:
         if WIDER < (wider := d.left_over.widened) < math.inf:
             text += f" (intervals are {said(wider, '.2g')} times wider for it)"
         text += _left(d, "describes it")
-    if d.indistinguishable:
-        twins = "; ".join(" or ".join(_listed([m], words.called) for m in t) for t in d.indistinguishable)
-        text += f" (the data cannot tell apart: {twins})"
+    text += _twins(d, words)
     if d.gain and 0.0 < d.gain.ratio < math.inf:
         it = "it" if len(d.named) == 1 else "them"
         text += f"; with {it} the {words.error} falls {times(d.gain.ratio)}"

@@ -19,7 +19,7 @@ from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.system import ASIDE, Costly, System
 
 from .apart import GRID, predicted, variables
-from .patterns import Pattern, Weighed
+from .patterns import WIDTHS, Pattern, Weighed
 from .variables import Variable
 
 SHARE = 6  # one recording in so many may stand apart
@@ -169,7 +169,8 @@ class _Told:
     @property
     def widths(self) -> Array:
         """Of the numbers before the data: a mistake of a factor is as likely as a small one."""
-        return np.maximum([v.spread for v in self.variables], np.abs(self.found.values))
+        spread = np.array([v.spread for v in self.variables])
+        return np.maximum(WIDTHS[-1] * spread, np.abs(self.found.values))
 
     @property
     def log_evidence(self) -> float:
@@ -188,7 +189,7 @@ def _best(tried: Sequence[_Told], alone: _Alone, count: int) -> Weighed | None:
         return None
     design = np.zeros((len(alone.problem.all), len(best.variables)))
     design[alone.i] = 1.0
-    price = math.log(len(alone.problem.all)) + len(best.variables) * math.log(count)
+    price = math.log(len(alone.problem.all)) + len(best.variables) * math.log(count * len(WIDTHS))
     pattern = Pattern(best.variables, Kind.ODD, None, design, (alone.i,), log_price=price, widths=best.widths)
     return Weighed(
         pattern, best.found.values, best.found.covariance, best.found.chi2, best.log_evidence - price, alone.fit.named

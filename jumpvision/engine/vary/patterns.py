@@ -23,6 +23,7 @@ from .apart import Apart
 from .variables import Variable
 
 ODD = 4  # recordings at most that stand apart each for itself
+WIDTHS = (1.0, 0.1, 0.01)  # spreads that a coefficient may have before the data, one as likely as another
 INSTANTS = 1000  # of a record at which frames may have been lost, by one or a few
 LEVELS = ("frequency", "amplitude", "delay", "volume_fraction")  # labels of the motion that a number may go with
 
@@ -118,7 +119,15 @@ class Scatter:
 
 
 def weigh(pattern: Pattern, found: Apart) -> Weighed:
-    """The evidence of a pattern, its price off."""
+    """The evidence of a pattern, its price off: with the likeliest of the widths that its coefficients may have before
+    the data, of which none is likelier than another."""
+    each = [_weighed(replace(pattern, widths=pattern.spreads * w), found) for w in WIDTHS]
+    best = max(each, key=lambda x: x.log_evidence)
+    price = math.log(len(WIDTHS))
+    return replace(best, pattern=_priced(best.pattern, price), log_evidence=best.log_evidence - price)
+
+
+def _weighed(pattern: Pattern, found: Apart) -> Weighed:
     x, p, s = pattern.design, found.information, pattern.spreads
     inner = x.T @ p @ x + np.diag(s**-2.0)
     right = x.T @ (p @ found.change)
@@ -126,12 +135,11 @@ def weigh(pattern: Pattern, found: Apart) -> Weighed:
     chi2 = found.chi2 + float(found.change @ p @ found.change) - float(right @ best)
     volume = 0.5 * float(np.linalg.slogdet(inner)[1]) + float(np.sum(np.log(s)))
     off = x @ best - found.change
-    misfit = off @ p @ off
     return Weighed(
         pattern,
         np.asarray(best),
         np.asarray(np.linalg.inv(inner)),
-        found.chi2 + float(misfit),
+        found.chi2 + float(off @ p @ off),
         -0.5 * chi2 - volume - pattern.log_price,
         found.named,
     )
