@@ -51,9 +51,17 @@ def clauses(varies: Sequence[Varies], words: Words) -> list[str]:
 def _not_driven(numbers: Sequence[Varies], words: Words) -> str:
     recordings = numbers[0].recordings
     was, its = ("was", "its") if len(recordings) == 1 else ("were", "their")
-    each = [f"{v.value / v.declared:.3g} times the {_name(v)}" if v.declared else _absolute(v) for v in numbers]
+    each = [f"{_times(v)} times the {_name(v)}" if v.declared else _absolute(v) for v in numbers]
     fit = f"{' at '.join(each)} fits {'it' if len(recordings) == 1 else 'them'}"
     return f"{some(recordings)} {was} not driven as {its} {words.declared_in}: {fit}"
+
+
+def _times(v: Varies) -> str:
+    """Of the declared value, with the digits that tell it from 1."""
+    ratio, sigma = v.value / v.declared, abs((v.high - v.low) / (2.0 * Z90 * v.declared))
+    if abs(ratio - 1.0) >= 0.01 or not (math.isfinite(sigma) and sigma > 0.0):
+        return f"{ratio:.3g}"
+    return f"{ratio:.{min(max(-math.floor(math.log10(sigma)), 2), 5)}f}"
 
 
 def _lost(v: Varies) -> str:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jumpvision.base.arrays import MAD, Array
+from jumpvision.engine.fitting import Problem
 from jumpvision.engine.noise import readings
 from jumpvision.engine.noise.learning import Source, learn_level, with_wander
 from jumpvision.engine.noise.noise import (
@@ -36,6 +37,7 @@ from jumpvision.jumper.question.jumps import coarseness
 from .quiet import STEPS, differences, flights, rest, ring_of, steadied
 from .sources import combined, of_statements, of_stretches, only_stated, with_stated
 
+FEW = 8  # jumps by which the model is fitted before single readings are judged
 FINEST = 1.0 / 3.0  # of the typical noise: what all tracks share, as the motor's log, is not seen at rest or in flight
 
 
@@ -179,16 +181,28 @@ def differing(system: Jumper, pairs: Sequence[Stretch], noise: Noise) -> dict[st
 def _weights(system: Jumper, least: float) -> tuple[list[Array], list[tuple[str, float, float]]]:
     """(factors on the noise by jump, (n,): single readings that stand off, and what the track itself states of its
     frames; readings that stand off far)."""
-    start = {p.name: p.start for p in system.baseline}
+    about = _about(system, least)
     out, listed = [], []
     for j in system.jumps:
-        rough = np.nan_to_num(system.height(j, j.t, (), start))
+        rough = np.nan_to_num(system.height(j, j.t, (), about))
         factor, off = readings.factors(j.y - rough, least)
         listed += [(j.name, float(j.t[i]), float(off[i])) for i in np.flatnonzero(off > readings.LISTED)]
         if j.sigma is not None and np.all(np.isfinite(j.sigma) & (j.sigma > 0)):
             factor = np.maximum(factor, j.sigma / np.median(j.sigma))
         out.append(factor)
     return out, listed
+
+
+def _about(system: Jumper, least: float) -> dict[str, float]:
+    """Values of the model near which single readings are judged: fitted to a few jumps, whatever their noise."""
+    start = {p.name: p.start for p in system.baseline}
+    if not start:
+        return start
+    few = range(0, len(system.jumps), max(1, len(system.jumps) // FEW))
+    rough = max(least, float(np.median([np.median(np.abs(np.diff(j.y, 2))) for j in system.jumps])), 1e-9)
+    plain = Problem(system, Noise(rough, 0.0, frame_of([j.t for j in system.jumps])))
+    fit = plain.fit((), start, list(few), iterations=6)
+    return fit.named if fit else start
 
 
 def _alone(system: Jumper, weights: Sequence[Array], least: float, coarse: float) -> dict[str, list[Stretch]]:
