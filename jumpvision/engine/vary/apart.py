@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -21,6 +22,7 @@ from jumpvision.engine.system import Costly, System
 from .variables import LOST, SINCE, Changes, Variable, Varying, faults_of, instruments, shown, shown_each
 
 LAPS = 15  # of Gauss-Newton at most; a recording that is far off is found by the grid before
+PATIENT = 3  # laps after which a number that cannot win is given up
 GRID = (-2.0, -1.0, -0.5, -0.2, 0.2, 0.5, 1.0, 2.0)  # spreads, at which a recording's first value is tried
 ENOUGH = 0.1  # a smaller expected fall of chi^2 ends the fit
 LOOSE = 3.0  # spreads: standard deviation that keeps a value which the recording does not tell from running away
@@ -151,11 +153,12 @@ class _Normal:
         return self._solved(self.slope - self.mixed @ change), np.asarray(change)
 
 
-def _normal(each: Each, shared: Array, change: Array, at: list[Array], loose: float) -> _Normal | None:
+def _normal(each: Each, here: _Point, loose: float, jacobian: list[Array] | None = None) -> _Normal | None:
+    shared, change, at = here.shared, here.change, here.residuals
     columns = each.columns(shared, change, at)
     if columns is None:
         return None
-    jac, known = each.jacobian(shared, change, at), each.fit.known
+    jac, known = jacobian or each.jacobian(shared, change, at), each.fit.known
     inner = sum((j.T @ j for j in jac), known.precision)
     inner = inner + 1e-9 * np.diag(np.diag(inner)) + 1e-300 * np.eye(shared.size)
     slope = sum((j.T @ a for j, a in zip(jac, at)), known.rows.T @ known.pull(shared))
@@ -179,7 +182,7 @@ def linear(problem: Problem, fit: Fit, variable: Variable, since: Array | None =
     changes nothing or cannot be changed."""
     each = Each(problem, fit, variable, since)
     start = np.zeros(each.count)
-    normal = _normal(each, fit.values, start, fit.residuals, 0.0)
+    normal = _normal(each, _Point(fit.values, start, fit.residuals, fit.chi2), 0.0, fit.jacobian)
     if normal is None or not normal.own.any():
         return None
     loose = (LOOSE * variable.spread) ** -2
@@ -189,54 +192,73 @@ def linear(problem: Problem, fit: Fit, variable: Variable, since: Array | None =
     return Apart(variable, change, normal.information, fit.chi2 - fall, fit.values, each.names, since)
 
 
+class _Point(NamedTuple):
+    """Of the fit: shared parameters, changes (N,), whitened residuals by recording, chi^2 with all priors."""
+
+    shared: Array
+    change: Array
+    residuals: list[Array]
+    cost: float
+
+
 def apart(
-    problem: Problem, fit: Fit, variable: Variable, since: Array | None = None, start: Apart | None = None
+    problem: Problem,
+    fit: Fit,
+    variable: Variable,
+    since: Array | None = None,
+    start: Apart | None = None,
+    give_up: float = math.inf,
 ) -> Apart | None:
-    """The fit of all values together, from an earlier one where it is given. None as of `linear`."""
+    """The fit of all values together, from an earlier one where it is given. None as of `linear`, or where chi^2 is
+    still beyond `give_up` after a few laps."""
     each = Each(problem, fit, variable, since)
     loose = (LOOSE * variable.spread) ** -2
-    shared, at = (fit.values if start is None else start.shared).copy(), list(fit.residuals)
-    change = _first(each, shared, at) if start is None else start.change
-    if (there := each.residuals(shared, change)) is None:
-        change = np.zeros(each.count)
-    else:
-        at = there
-    low, high = (np.array([getattr(p, end) for p in fit.parameters]) for end in ("low", "high"))
-
-    def cost(r: list[Array], a: Array, x: Array) -> float:
-        pull = fit.known.pull(a)
-        return float(sum(b @ b for b in r) + pull @ pull + loose * x @ x)
-
-    best = cost(at, shared, change)
-    for _ in range(LAPS):
-        normal = _normal(each, shared, change, at, loose)
-        if normal is None:
-            return None
-        da, dx = normal.step(loose)
-        full = np.zeros(shared.size)
-        full[normal.free] = da
-        share = np.ones(each.count)
-        whole, gained = 1.0, 0.0
-        for _ in range(6):
-            moved = np.clip(shared + whole * full, low, high)
-            new = np.maximum(change + share * np.clip(dx, -variable.spread, variable.spread), variable.least)
-            there = each.residuals(moved, new)
-            if there is not None and (c := cost(there, moved, new)) < best:
-                gained, best, shared, change, at = best - c, c, moved, new, there
-                break
-            if there is None:
-                share *= 0.3
-            else:
-                worse = np.array([b @ b > a @ a for a, b in zip(at, there)])
-                share = np.where(worse, 0.3 * share, share)
-            whole *= 0.5
-        if gained < ENOUGH:
+    shared = (fit.values if start is None else start.shared).copy()
+    change = _first(each, shared, fit.residuals) if start is None else start.change
+    at = each.residuals(shared, change)
+    if at is None:
+        at, change, shared = list(fit.residuals), np.zeros(each.count), fit.values.copy()
+    here = _Point(shared, change, at, _cost(each, at, shared, change, loose))
+    jacobian: list[Array] | None = None
+    for lap in range(LAPS):
+        if lap % 2 == 0:  # derivatives by the shared parameters serve two laps
+            jacobian = each.jacobian(here.shared, here.change, here.residuals)
+        normal = _normal(each, here, loose, jacobian)
+        there = None if normal is None else _stepped(each, here, normal, loose)
+        if there is None:
             break
-    normal = _normal(each, shared, change, at, 0.0)
-    if normal is None or not normal.own.any():
+        gained, here = here.cost - there.cost, there
+        if gained < ENOUGH or (lap == PATIENT and here.cost > give_up):
+            break
+    normal = _normal(each, here, 0.0)
+    if normal is None or not normal.own.any() or here.cost > give_up:
         return None
-    left = best - float(loose * change @ change)
-    return Apart(variable, change, _definite(normal.information), left, shared, each.names, since)
+    left = here.cost - float(loose * here.change @ here.change)
+    return Apart(variable, here.change, _definite(normal.information), left, here.shared, each.names, since)
+
+
+def _cost(each: Each, residuals: list[Array], shared: Array, change: Array, loose: float) -> float:
+    pull = each.fit.known.pull(shared)
+    return float(sum(r @ r for r in residuals) + pull @ pull + loose * change @ change)
+
+
+def _stepped(each: Each, here: _Point, normal: _Normal, loose: float) -> _Point | None:
+    """A step of Gauss-Newton, shorter where it does not lower chi^2, for each recording by itself."""
+    step, change = normal.step(loose)
+    change = np.clip(change, -each.variable.spread, each.variable.spread)
+    full = np.zeros(here.shared.size)
+    full[normal.free] = step
+    low, high = (np.array([getattr(p, end) for p in each.fit.parameters]) for end in ("low", "high"))
+    whole, share = 1.0, np.ones(each.count)
+    for _ in range(6):  # steps tried, ever shorter
+        shared = np.clip(here.shared + whole * full, low, high)
+        moved = np.maximum(here.change + share * change, each.variable.least)
+        there = each.residuals(shared, moved)
+        if there is not None and (cost := _cost(each, there, shared, moved, loose)) < here.cost:
+            return _Point(shared, moved, there, cost)
+        worse = [there is None or bool(b @ b > a @ a) for a, b in zip(here.residuals, there or here.residuals)]
+        share, whole = np.where(np.array(worse), 0.3 * share, share), 0.5 * whole
+    return None
 
 
 def _definite(information: Array) -> Array:

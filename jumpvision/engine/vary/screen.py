@@ -17,6 +17,7 @@ from .variables import LOST
 
 FULL = 6  # numbers whose values are fitted in full: those that take most from chi^2, linearly
 KEPT, CLOSE = 4, 12.0  # patterns that are tried beside mechanisms; nats behind the best up to which they are
+BEHIND, FAR = 4.0, 100.0  # excesses of chi^2 of the best, and chi^2, behind it up to which a number is looked at
 CLEAR = 3.0  # standard uncertainties that a pattern's own coefficients must be off, beside a common value
 KINDS = 5  # of patterns, each as likely before
 
@@ -52,7 +53,7 @@ def screen(problem: Problem, fit: Fit, *, quick: bool = False) -> Screen:
     every = variables(problem.system)
     about = problem.each([partial(linear, problem, fit, v) for n, v in every.items() if n != LOST])
     rough = sorted((a for a in about if a is not None), key=lambda a: a.chi2)
-    full: list[Apart | None] = [*rough] if quick else [apart(problem, fit, a.variable) for a in rough[:FULL]]
+    full: list[Apart | None] = [*rough] if quick else _in_full(problem, fit, rough[:FULL])
     if LOST in every and not quick:
         full.append(lost_frames(problem, fit))
     found = tuple(a for a in full if a is not None and math.isfinite(a.chi2))
@@ -62,6 +63,16 @@ def screen(problem: Problem, fit: Fit, *, quick: bool = False) -> Screen:
     weighed.sort(key=lambda w: -w.log_evidence)
     scatters = sorted((s for a in found if (s := scatter(a)) is not None), key=lambda s: -s.log_evidence)
     return Screen(found, tuple(weighed), tuple(scatters), price, fit.chi2)
+
+
+def _in_full(problem: Problem, fit: Fit, rough: Sequence[Apart]) -> list[Apart | None]:
+    """The fits of these numbers; one that is far behind the best is given up."""
+    out: list[Apart | None] = []
+    for a in rough:
+        best = min((x.chi2 for x in out if x is not None), default=math.inf)
+        give_up = best + BEHIND * max(best - problem.n, 0.0) + FAR
+        out.append(apart(problem, fit, a.variable, give_up=give_up))
+    return out
 
 
 def chance(seen: Screen) -> float:

@@ -21,7 +21,7 @@ from jumpvision.engine.vary.apart import predicted, variable
 from jumpvision.engine.vary.candidates import candidate as pattern_candidate
 from jumpvision.engine.vary.candidates import changes_of
 from jumpvision.engine.vary.patterns import Pattern, Weighed
-from jumpvision.engine.vary.variables import SCALE, Changes, Variable, added, fault_of, true_times
+from jumpvision.engine.vary.variables import CLOCK, SCALE, Changes, Variable, added, fault_of, true_times
 from jumpvision.jumper.mechanisms.own import parameters_with
 from jumpvision.jumper.mechanisms.record import Body, Mechanism
 from jumpvision.jumper.mechanisms.registry import MECHANISMS, PARAMETERS, acting
@@ -311,12 +311,13 @@ class Jumper:
             each = [changed(m, changes, i) for m, i in zip(each, which)]
         except InputError:
             return [np.full(self.observations[i].t.size, np.nan) for i in which]
-        film = models[self.model.ground]
+        film, clocks = models[self.model.ground], any(n in changes for n in CLOCK)
         times[0] = film.shown(t) - values.get("start", 0.0)
         for i in which:
             k, here = self.apparatus[i], tracks.places[i]
             times[0, here] += common_error(values, "offset", k) + common_error(values, "rate", k) * t[here]
-            times[0, here] += true_times(t[here], *fault_of(changes, i)) - t[here]
+            if clocks:
+                times[0, here] += true_times(t[here], *fault_of(changes, i)) - t[here]
 
         def follow(places: Sequence[int]) -> None:
             some, lanes = [which[k] for k in places], [0] * len(places)
