@@ -287,13 +287,35 @@ for _stage in declared().values():
     _add(_stage)
 
 
+def _isolable(path: Path, options: Options) -> int:
+    """What `check --isolable` says."""
+    from jumpvision.experiment.campaign.isolable import isolable
+
+    from . import terminal
+
+    found = isolable(open_folder(path, options), options.workers or cores())
+    data = {"path": str(path), "isolable": found.rows, "jumps": found.jumps, "noise_m": found.noise}
+    terminal.result(data, found.rows, as_json=options.json)
+    terminal.line(found.sentence)
+    for text in found.left_out:
+        terminal.line(f"left out: {text}")
+    return DONE
+
+
 @app.command
-def check(path: Path, /, *, options: Options = OPTIONS) -> int:
+def check(path: Path, /, *, isolable: bool = False, options: Options = OPTIONS) -> int:
     """Validate a folder: every problem with file, section, key, value and remedy, also those that a run would find in
     the recordings; units, clocks, marks and names that look wrong; walls, floor and air; a scale taken as exact.
 
     Example: jumpvision check data_samples/loose_sand
+
+    Parameters
+    ----------
+    isolable:
+        Instead, from what is declared alone: which causes these jumps could show and tell apart, before any is made.
     """
+    if isolable:
+        return _isolable(path, options)
     from . import terminal
 
     campaign = open_folder(path, options)
