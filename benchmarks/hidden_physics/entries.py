@@ -85,7 +85,7 @@ def ours(task: Task) -> Answer:
     shown = {x.mechanism: (x.parameter, x.value) for x in d.detectable}
     return Answer(
         d.adequate, d.named, d.status == "partial", d.indistinguishable, chances, intervals, described, gained, shown,
-        None if law else lambda other: shows(found.named_fit, other),
+        None if law or d.varies else lambda other: shows(found.named_fit, other),
     )  # fmt: skip
 
 
