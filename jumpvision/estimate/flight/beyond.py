@@ -28,6 +28,11 @@ class Ring:
     decay: float
     share: float = 0.0
 
+    @property
+    def lag(self) -> float:
+        """c/k [s] of the damper that makes it decay, beside the spring that makes it swing."""
+        return 2.0 * self.decay / self.frequency**2
+
     def columns(self, t: Array) -> Array:
         """(n, 2), t [s] from the lift-off."""
         fallen = np.exp(-self.decay * np.clip(t, 0.0, None))

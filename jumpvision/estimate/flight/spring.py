@@ -20,7 +20,7 @@ ABOUT = (0.5, 0.7, 0.85, 1.0, 1.2)  # times that w, where a fit starts
 PLACES, MOST = 24, 100  # of an edge, where a fit starts; samples that this looks at
 SHRUNK = (1.0, 0.6, 0.35, 0.2)  # of the way to the turning point, tried in turn
 POWER, STRONGEST = 3.0, 0.8  # sigmas of a correlation that is looked for, and the strongest
-DOUBT = 2.0  # sigmas by which a fit of half a contact must differ
+DOUBT = 1.5  # sigmas by which a fit of half a contact must differ
 SLOW = 4  # samples
 TRIES = 250  # of a fit, which takes 10
 FREE = 0.3  # of gravity: what is known of a curvature that is fitted freely
@@ -178,7 +178,8 @@ def _fitted(
     many = 2 + free_gravity + beyond.free
     if n <= many + 2 * len(edges) + 1:
         return None
-    base = piece.y + 0.5 * gravity * tau * tau
+    hung = how.ring.share * np.interp(tau, drive.t, drive.o) if how.ring and drive else 0.0
+    base = piece.y + hung + 0.5 * gravity * tau * tau
     asked: dict[bytes, tuple[Array, Array]] = {}
 
     def fallen(added: Array) -> Array:
