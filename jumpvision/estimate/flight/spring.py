@@ -308,8 +308,9 @@ def _start(
     return np.array(where), np.array(stiff), start
 
 
-def swings(piece: Piece) -> float:
-    """Least chi^2 of one swing of changing amplitude about a level, of any frequency about one period in the piece."""
+def swings(piece: Piece, stiffness: float) -> float:
+    """Least chi^2 of one swing of changing amplitude about a level, on the spring that is told (w [rad/s]), or where
+    that is 0 of any frequency about one period in the piece."""
     span = piece.t[-1] - piece.t[0]
     tau = piece.t - piece.t[0]
     y = piece.white(piece.y)
@@ -321,6 +322,8 @@ def swings(piece: Piece) -> float:
         return float(np.sum((y - a @ x) ** 2))
 
     tried = 2.0 * math.pi / span * np.linspace(0.3, 2.0, 18)
+    if stiffness:
+        tried = stiffness * np.exp(3.0 * KNOWN[-1] * np.linspace(-1.0, 1.0, 7))
     best = int(np.argmin([chi2(w) for w in tried]))
     low, high = tried[max(best - 1, 0)], tried[min(best + 1, tried.size - 1)]
     return float(scipy.optimize.minimize_scalar(chi2, bounds=(low, high), method="bounded").fun)
