@@ -2,13 +2,13 @@
 
     python -m benchmarks.flights [--full] [--seed 0] [--each]
 
-Records of 240 to 4,000 Hz with noise of 5 to 500 um, its sigma stated or not: white, AR(1) of .7, and of three families
-beyond: Student's t of 4 degrees of freedom and a camera that sways (a sine of one sigma), which the analysis has no
-model of, and white noise that wanders (a random walk that ends 2 sigma away). Balls in closed form, with impacts shorter
-than a sample or a contact of 1 to 3 ms; jumps that begin and end abruptly; jumpers of motor, rod, spring and foot on hard
-ground, and on ground that yields and does not push back, by Runge-Kutta steps of 20 us with the change of contact located
-by halving. A jump or bounce must be found where it is higher than 20 sigma and lasts 8 samples, and what is found must be
-one.
+Records of 240 to 4,000 Hz with noise of 5 to 500 um, its sigma stated or not: white, AR(1) of .7, and of three
+families beyond: Student's t of 4 degrees of freedom and a camera that sways (a sine of one sigma), which the analysis
+has no model of, and white noise that wanders (a random walk that ends 2 sigma away). Balls in closed form, with
+impacts shorter than a sample or a contact of 1 to 3 ms; jumps that begin and end abruptly; jumpers of motor, rod,
+spring and foot on hard ground, and on ground that yields and does not push back, by Runge-Kutta steps of 20 us with
+the change of contact located by halving. A jump or bounce must be found where it is higher than 20 sigma and lasts 8
+samples, and what is found must be one.
 """
 
 from __future__ import annotations

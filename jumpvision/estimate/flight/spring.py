@@ -308,22 +308,24 @@ def _start(
     return np.array(where), np.array(stiff), start
 
 
-def swings(piece: Piece, stiffness: float) -> float:
-    """Least chi^2 of one swing of changing amplitude about a level, on the spring that is told (w [rad/s]), or where
-    that is 0 of any frequency about one period in the piece."""
-    span = piece.t[-1] - piece.t[0]
+def swings(piece: Piece, how: Settings) -> float:
+    """Least chi^2 of one swing about a level: on the spring and with the damper that are told, which swings as far down
+    as up; or else of changing amplitude and any frequency about one period in the piece."""
     tau = piece.t - piece.t[0]
     y = piece.white(piece.y)
 
     def chi2(w: float) -> float:
-        swing = np.cos(w * tau), np.sin(w * tau)
-        a = piece.white(np.stack([np.ones_like(tau), *swing, tau * swing[0], tau * swing[1]], axis=1))
+        fall = np.exp(-0.5 * how.lag * w * w * tau) if how.stiffness else 1.0
+        swing = fall * np.cos(w * tau), fall * np.sin(w * tau)
+        more = () if how.stiffness else (tau * swing[0], tau * swing[1])
+        a = piece.white(np.stack([np.ones_like(tau), *swing, *more], axis=1))
         x = np.linalg.lstsq(a, y, rcond=None)[0]
-        return float(np.sum((y - a @ x) ** 2))
+        known = math.log(w / how.stiffness) / KNOWN[-1] if how.stiffness else 0.0
+        return float(np.sum((y - a @ x) ** 2)) + known**2
 
-    tried = 2.0 * math.pi / span * np.linspace(0.3, 2.0, 18)
-    if stiffness:
-        tried = stiffness * np.exp(3.0 * KNOWN[-1] * np.linspace(-1.0, 1.0, 7))
+    tried = 2.0 * math.pi / tau[-1] * np.linspace(0.3, 2.0, 18)
+    if how.stiffness:
+        tried = how.stiffness * np.exp(3.0 * KNOWN[-1] * np.linspace(-1.0, 1.0, 7))
     best = int(np.argmin([chi2(w) for w in tried]))
     low, high = tried[max(best - 1, 0)], tried[min(best + 1, tried.size - 1)]
     return float(scipy.optimize.minimize_scalar(chi2, bounds=(low, high), method="bounded").fun)
