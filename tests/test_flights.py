@@ -12,6 +12,7 @@ from conftest import later
 from scipy.integrate import solve_ivp
 
 import jumpvision as jv
+from benchmarks.flights import MODELLED, MUST, ball, filmed, jumper, matched, right_count
 from jumpvision.estimate.flight import Ring, in_flight, restitution, track_flights
 from jumpvision.estimate.flight.beyond import Beyond, Drive
 
@@ -113,6 +114,56 @@ def test_bounces_that_last_less_than_a_sample_are_timed_on_their_common_ground()
     f = found(t, h + rng.normal(0.0, 5e-5, t.size), np.full(t.size, 5e-5))
     assert len(f) == 6
     assert f.time == pytest.approx(true, abs=1e-3)  # crossings of the parabolas are 3 ms too long
+
+
+def test_contacts_that_take_time_leave_flight_times_and_restitution_covered():
+    rng, z, e = np.random.default_rng(21), [], []
+    for _ in range(25):
+        r = filmed(rng, lambda rng: ball(rng, float(rng.choice([1e-3, 2e-3, 3e-3]))), MODELLED)
+        f, must = r.flights(), r.seen(MUST)
+        for i, k in matched(f, r.scene.flights, r.t[-1]):
+            if k and must[k] and np.isfinite(f.time[i]):
+                z.append((f.time[i] - np.diff(r.scene.flights[k])[0]) / f.time_sigma[i])
+        bounced = restitution(f.only(np.arange(len(f)) > 0), after=0.0)
+        e.append((bounced.value - r.scene.e) / bounced.sigma)
+    # as 25 draws, those of a ball have their ground in common: 0.683 +- 3 * 0.093, a mean of 3 / 5
+    for miss in (z, e):
+        assert abs(np.mean(np.abs(miss) < 1.0) - 0.683) < 0.28
+        assert abs(np.mean(miss)) < 0.6 and np.max(np.abs(miss)) < 6.0  # crossings of parabolas are off by 100
+
+
+def test_bounces_that_drown_in_noise_are_no_ground():
+    rng, z = np.random.default_rng(22), []
+    for _ in range(30):
+        t, h, edges = bounces(500.0, e=0.7, fall=0.1, n=14)
+        f = found(t, h + rng.normal(0.0, 1e-4, t.size), None)
+        last = int(np.flatnonzero(f.landing < edges[8])[-1])  # of 0.7 mm: 7 sigma
+        z.append((f.landing[last] - edges[np.argmin(np.abs(edges - f.landing[last]))]) / f.landing_sigma[last])
+    assert abs(np.mean(z)) < 0.55 and np.max(np.abs(z)) < 4.5  # 3 / sqrt(30); met with what drowned: -4 and early
+
+
+def test_a_drift_beside_the_noise_widens_what_is_said():
+    rng, z = np.random.default_rng(23), []
+    for _ in range(60):
+        up = rng.uniform(0.3, 0.5)
+        t, h, down = throw(1000, up)
+        drift = 2.0 * np.cumsum(rng.normal(size=t.size)) / math.sqrt(t.size)
+        f = found(t, h + 5e-5 * (rng.normal(size=t.size) + drift), np.full(t.size, 5e-5))
+        z.append((f.time[0] - (down - up)) / f.time_sigma[0])
+    assert abs(np.mean(np.abs(z) < 1.0) - 0.683) < 0.18  # 60 draws; as white noise 0.4
+
+
+def test_flights_of_a_foot_and_a_motor_are_counted_and_timed():
+    rng, right, z = np.random.default_rng(24), [], []
+    for _ in range(15):
+        r = filmed(rng, lambda rng: jumper(rng, foot=True, motor=True), MODELLED)
+        f, must = r.flights(), r.seen(MUST)
+        right.append(right_count(r, f))
+        for i, k in matched(f, r.scene.flights, r.t[-1]):
+            if must[k] and np.isfinite(f.time[i]):
+                z.append((f.time[i] - np.diff(r.scene.flights[k])[0]) / f.time_sigma[i])
+    assert np.sum(right) >= 11  # of 15, each with 0.92
+    assert abs(np.mean(np.abs(z) < 1.0) - 0.683) < 0.2  # about 50 flights: 3 * 0.066
 
 
 @pytest.mark.parametrize(("scale", "told"), [(1.2, True), (0.95, True), (1.0, False)])
@@ -225,6 +276,7 @@ def test_a_foot_and_a_motor_beside_the_parabola_are_those_of_their_equations():
     tau = np.concatenate([before[::-1][:-1], flown[:-1], after])
     share, light = m_f / (m + m_f), 1.0 / m + 1.0 / m_f
     ring, fine = Ring(math.sqrt(k * light), 0.5 * c * light, share), np.linspace(-0.03, 0.1, 4001)
+    assert ring.lag == pytest.approx(c / k, rel=1e-12)
     beyond = Beyond(tau, (-1, 1), c / k, ring, Drive(fine, o(fine)), lift)
     added = beyond.added(np.array([lift, land]), np.full(2, math.sqrt(k / m)))
     slope = v * (1.0 - share) + G * lift  # of the common centre of mass, at tau = 0

@@ -28,6 +28,11 @@ class Ring:
     decay: float
     share: float = 0.0
 
+    @property
+    def lag(self) -> float:
+        """c/k [s] of the damper that makes it decay, beside the spring that makes it swing."""
+        return 2.0 * self.decay / self.frequency**2
+
     def columns(self, t: Array) -> Array:
         """(n, 2), t [s] from the lift-off."""
         fallen = np.exp(-self.decay * np.clip(t, 0.0, None))
@@ -72,9 +77,16 @@ class Drive:
         wd = math.sqrt(max(w * w - gamma * gamma, 1e-6 * w * w))
         pull = w * w * (self.o - still) + 2.0 * gamma * self.rate
         turn = np.exp((gamma - 1j * wd) * self.t) * pull
-        total = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(self.t) * (turn[1:] + turn[:-1]))])
-        since = np.interp(u, self.t, total) - np.interp(start, self.t, total)
+        since = self._integral(turn, u) - self._integral(turn, np.array([start]))
         return np.asarray(np.imag(np.exp((1j * wd - gamma) * u) * since) / wd)
+
+    def _integral(self, y: Array, u: Array) -> Array:
+        """Of y (n,) up to times u, straight between those of the grid: smooth where an edge passes them."""
+        steps, rise = np.diff(self.t), np.diff(y)
+        total = np.concatenate([[0.0], np.cumsum(steps * (y[:-1] + 0.5 * rise))])
+        k = np.clip(np.searchsorted(self.t, u, side="right") - 1, 0, steps.size - 1)
+        h = u - self.t[k]
+        return np.asarray(total[k] + h * (y[k] + 0.5 * h * rise[k] / steps[k]))
 
 
 def _smooth(x: Array, t: Array, y: Array) -> Array:

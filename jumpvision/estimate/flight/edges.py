@@ -107,7 +107,7 @@ def flight(motion: Motion, k: int, how: Settings, under: Ground) -> Flight:
         line = fit.line
         more = POWER**2 if how.fitted else 0.0
         doubtful = len(gradual) == 2 or (how.fitted and not beside)
-        swing = doubtful and _swings(quiet(motion.piece, how), part, reach, fit, more)
+        swing = doubtful and _swings(quiet(motion.piece, how), part, reach, fit, more, how)
     if fit is not None:
         line, name = replace(line, root=root_of(fit.cov)), ("curve", k)
     swing = swing or not all(pushed_up(motion, k, side) for side in gradual if fit is None or not fit.good)
@@ -116,14 +116,14 @@ def flight(motion: Motion, k: int, how: Settings, under: Ground) -> Flight:
     return Flight(part.i, part.j, (edges[0], edges[1]), own, swing)
 
 
-def _swings(piece: Piece, part: Part, reach: tuple[int, int], fit: Sprung, more: float) -> bool:
+def _swings(piece: Piece, part: Part, reach: tuple[int, int], fit: Sprung, more: float, how: Settings) -> bool:
     """Whether one swing explains all from turn to turn, and a flight between springs is no better by `more` of chi^2:
     six numbers each."""
     lo, hi = min(reach[0], part.i), max(reach[1], part.j)
-    swing = swings(piece.part(lo, hi))
+    swing = swings(piece.part(lo, hi), how)
     if fit.window == (lo, hi):
         return swing <= fit.chi2 + more
-    return well(swing, hi - lo - 6) or swings(piece.part(*fit.window)) <= fit.chi2 + more
+    return well(swing, hi - lo - 6) or swings(piece.part(*fit.window), how) <= fit.chi2 + more
 
 
 def pushed_up(motion: Motion, k: int, side: int) -> bool:

@@ -20,7 +20,7 @@ ABOUT = (0.5, 0.7, 0.85, 1.0, 1.2)  # times that w, where a fit starts
 PLACES, MOST = 24, 100  # of an edge, where a fit starts; samples that this looks at
 SHRUNK = (1.0, 0.6, 0.35, 0.2)  # of the way to the turning point, tried in turn
 POWER, STRONGEST = 3.0, 0.8  # sigmas of a correlation that is looked for, and the strongest
-DOUBT = 2.0  # sigmas by which a fit of half a contact must differ
+DOUBT = 1.5  # sigmas by which a fit of half a contact must differ
 SLOW = 4  # samples
 TRIES = 250  # of a fit, which takes 10
 FREE = 0.3  # of gravity: what is known of a curvature that is fitted freely
@@ -178,7 +178,8 @@ def _fitted(
     many = 2 + free_gravity + beyond.free
     if n <= many + 2 * len(edges) + 1:
         return None
-    base = piece.y + 0.5 * gravity * tau * tau
+    hung = how.ring.share * np.interp(tau, drive.t, drive.o) if how.ring and drive else 0.0
+    base = piece.y + hung + 0.5 * gravity * tau * tau
     asked: dict[bytes, tuple[Array, Array]] = {}
 
     def fallen(added: Array) -> Array:
@@ -307,19 +308,24 @@ def _start(
     return np.array(where), np.array(stiff), start
 
 
-def swings(piece: Piece) -> float:
-    """Least chi^2 of one swing of changing amplitude about a level, of any frequency about one period in the piece."""
-    span = piece.t[-1] - piece.t[0]
+def swings(piece: Piece, how: Settings) -> float:
+    """Least chi^2 of one swing about a level: on the spring and with the damper that are told, which swings as far down
+    as up; or else of changing amplitude and any frequency about one period in the piece."""
     tau = piece.t - piece.t[0]
     y = piece.white(piece.y)
 
     def chi2(w: float) -> float:
-        swing = np.cos(w * tau), np.sin(w * tau)
-        a = piece.white(np.stack([np.ones_like(tau), *swing, tau * swing[0], tau * swing[1]], axis=1))
+        fall = np.exp(-0.5 * how.lag * w * w * tau) if how.stiffness else 1.0
+        swing = fall * np.cos(w * tau), fall * np.sin(w * tau)
+        more = () if how.stiffness else (tau * swing[0], tau * swing[1])
+        a = piece.white(np.stack([np.ones_like(tau), *swing, *more], axis=1))
         x = np.linalg.lstsq(a, y, rcond=None)[0]
-        return float(np.sum((y - a @ x) ** 2))
+        known = math.log(w / how.stiffness) / KNOWN[-1] if how.stiffness else 0.0
+        return float(np.sum((y - a @ x) ** 2)) + known**2
 
-    tried = 2.0 * math.pi / span * np.linspace(0.3, 2.0, 18)
+    tried = 2.0 * math.pi / tau[-1] * np.linspace(0.3, 2.0, 18)
+    if how.stiffness:
+        tried = how.stiffness * np.exp(3.0 * KNOWN[-1] * np.linspace(-1.0, 1.0, 7))
     best = int(np.argmin([chi2(w) for w in tried]))
     low, high = tried[max(best - 1, 0)], tried[min(best + 1, tried.size - 1)]
     return float(scipy.optimize.minimize_scalar(chi2, bounds=(low, high), method="bounded").fun)

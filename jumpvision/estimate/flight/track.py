@@ -74,7 +74,10 @@ def track_flights(
         raise ValueError("track_flights: t must increase from sample to sample")
     if not stated:
         sigma = np.full(t.size, noise_of(h))
+    lag = lag or (ring.lag if ring else 0.0)
     drive = None if offset is None else Drive(t, np.asarray(offset, float)[good])
+    if drive is not None and ring is not None:  # a foot that hangs goes with the rod: what flies is the whole
+        h = h - ring.share * drive.o
     cut, noise = with_noise([Piece(t[i:j], h[i:j], sigma[i:j]) for i, j in pieces(t, max_gap)], gravity, stated)
     quiet = 1.0
     if ripple:
