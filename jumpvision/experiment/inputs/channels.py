@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 import zlib
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jumpvision.base.arrays import AnyArray
-from jumpvision.base.schema import InputError
+from jumpvision.base.schema import InputError, StageWarning
 
 from .held import Channel, Held
 from .lvm import lvm
@@ -41,7 +42,11 @@ def tdms(path: Path, asked: Collection[str]) -> Held:
                     raise InputError(
                         [f"{path}: {n} claims {len(c)} values, which the file does not hold; copy it again"]
                     )
-            return Held(list(full), {n: _of_tdms(n, c) for n, c in named.items()})
+            held = Held(list(full), {n: _of_tdms(n, c) for n, c in named.items()})
+            if named and (file.file_status.incomplete_final_segment or file.file_status.channel_statuses):
+                said = f"{path}: its last segment is not whole: the file was cut off; copy it again"
+                warnings.warn(said, StageWarning, stacklevel=2)
+            return held
     except InputError:
         raise
     except Exception as e:  # nptdms raises many kinds for what is no TDMS file

@@ -45,7 +45,8 @@ class Layout:
 
 def lvm(path: Path, asked: Collection[str]) -> Held:
     """Channels by their names; `X_Value` is the column of X values, where there is one for all."""
-    lines = _text(path).splitlines()
+    text = _text(path)
+    lines = text.splitlines()
     if not lines or not lines[0].startswith("LabVIEW Measurement"):
         raise InputError([f"{path}: not a LabVIEW measurement file (its first line says so); save it again {FORMS}"])
     head, begin = _header(lines, 1)
@@ -54,6 +55,10 @@ def lvm(path: Path, asked: Collection[str]) -> Held:
         "," if one.get("Separator") == "comma" else "\t", one.get("Decimal_Separator", ""), one.get("X_Columns", "one")
     )
     segments = list(_segments(path, lines, begin, layout))
+    if text[-1] not in "\r\n":
+        warnings.warn(
+            f"{path}: line {len(lines)}: does not end: the file was cut off within it", StageWarning, stacklevel=2
+        )
     if not segments:
         raise InputError([f"{path}: no rows after its headers: the measurement was cut off; copy it again"])
     names = segments[0].names

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from jumpvision.base.arrays import AnyArray, Array
-from jumpvision.base.schema import InputError
+from jumpvision.base.schema import InputError, StageWarning
 
 from .vector_field import FORMATS, Vectors
 
@@ -46,6 +47,9 @@ def _text(file: Path, measured: Collection[float]) -> Vectors:
         lines = data.decode("latin-1" if named else "utf-8-sig").splitlines()
     except UnicodeDecodeError as e:
         raise InputError([f"{file}: not text (byte {e.start}); allowed: {FORMATS}"]) from None
+    if data and data[-1:] not in b"\r\n":  # every program ends its lines
+        said = f"{file}: line {len(lines)}: does not end: the file was cut off within it"
+        warnings.warn(said, StageWarning, stacklevel=4)
     if named:
         return _davis(file, lines) if head.startswith(b"#DaVis") else _insight(file, lines, measured)
     return _columns(file, lines, measured)
