@@ -457,6 +457,30 @@ def containers() -> Iterator[Odd]:
     yield from with_damage("film .avi", "film.avi", lambda p: moving(p, film=many), shown(many), read_film)
 
 
+def hdf5_films() -> Iterator[Odd]:
+    import h5py
+
+    def write(path: Path, held: AnyArray = FILM, times: int = 1, **how: object) -> None:
+        with h5py.File(path, "w") as out:
+            for k in range(times):
+                out.create_dataset(f"film{k or ''}", data=held, **how)
+
+    cases: dict[str, tuple[Callable[[Path], object], AnyArray | None]] = {
+        "packed": (lambda p: write(p, compression="gzip", chunks=(1, 24, 40)), SHOWN),
+        "with checksums": (lambda p: write(p, fletcher32=True, chunks=(1, 24, 40)), SHOWN),
+        "big-endian": (lambda p: write(p, FILM.astype(">u2")), SHOWN),
+        "colour": (lambda p: write(p, np.stack([FILM] * 3, -1)), SHOWN),
+        "turned over": (lambda p: write(p, FILM.transpose(0, 2, 1)), SHOWN),
+        "two films": (lambda p: write(p, times=2), None),
+        "none": (lambda p: write(p, times=0), None),
+        "signed": (lambda p: write(p, FILM.astype(np.int32)), None),
+        "no frame": (lambda p: write(p, FILM[:0]), None),
+    }
+    for name, (put, truth) in cases.items():
+        yield Odd("film .h5", name, "film.h5", put, truth, read_film)
+    yield from with_damage("film .h5", "film.h5", write, SHOWN, read_film)
+
+
 def raw_films() -> Iterator[Odd]:
     """Photron's header and bytes: numbers in the header that do not fit."""
 
@@ -568,6 +592,51 @@ def vector_texts() -> Iterator[Odd]:
     yield from with_damage("vectors, Insight", "R1.vec", lambda p: p.write_text(vec), FIELD, read_field)
 
 
+def vector_sets() -> Iterator[Odd]:
+    """pivpy's NetCDF and PIVlab's MAT."""
+    import xarray as xr
+    from scipy.io import savemat
+
+    def nc(path: Path, up: bool = True, drop: str = "", **attrs: object) -> None:
+        at, order = ("y", "x", "t"), slice(None) if up else slice(None, None, -1)
+        held = {"u": U, "v": V, "chc": np.ones_like(U)}
+        data = xr.Dataset(
+            {k: (at, a[order][..., None]) for k, a in held.items() if k != drop},
+            coords={"x": GX[0], "y": GY[order, 0], "t": [0.0]},
+            attrs=attrs,
+        )
+        data.to_netcdf(path)
+
+    cases: dict[str, tuple[Callable[[Path], object], AnyArray | None]] = {
+        "y rising": (lambda p: nc(p, up=False), None),
+        "without v": (lambda p: nc(p, drop="v"), None),
+        "without chc": (lambda p: nc(p, drop="chc"), FIELD),
+    }
+    for name, (write, truth) in cases.items():
+        yield Odd("vectors, pivpy", name, "field.nc", write, truth, read_field)
+    yield from with_damage("vectors, pivpy", "field.nc", nc, FIELD, read_field)
+
+    def mat(path: Path, **other: object) -> None:
+        cell = {k: np.array([[None]], object) for k in ("x", "y", "u_original", "v_original", "typevector_original")}
+        for k, a in zip(cell, (GX, GY[::-1], U, -V, np.ones_like(U))):
+            cell[k][0, 0] = other.get(k, a)
+        savemat(path, {**cell, "units": "[px] respectively [px/frame]", "calu": 1.0, "calv": 1.0})
+
+    lost = np.where(np.arange(35).reshape(5, 7) == 8, 2.0, 1.0)
+    hole = FIELD.copy().reshape(2, -1)
+    hole[:, 8] = np.nan
+    yield Odd(
+        "vectors, PIVlab",
+        "one replaced",
+        "field.mat",
+        lambda p: mat(p, typevector_original=lost),
+        hole.ravel(),
+        read_field,
+    )
+    yield Odd("vectors, PIVlab", "another size", "field.mat", lambda p: mat(p, u_original=U[:3]), None, read_field)
+    yield from with_damage("vectors, PIVlab", "field.mat", mat, FIELD, read_field)
+
+
 MAP = np.round(-8.0 * np.exp(-((C - 20.0) ** 2 + (Y - 12.0) ** 2) / 40.0), 3)
 
 
@@ -639,8 +708,8 @@ def tomls() -> Iterator[Odd]:
 
 
 GENERATORS = (
-    text_logs, lvm_logs, tdms_logs, mat_logs, arrays, stacks, pictures, containers, raw_films, vector_texts, maps,
-    tomls,
+    text_logs, lvm_logs, tdms_logs, mat_logs, arrays, stacks, pictures, containers, hdf5_films, raw_films,
+    vector_texts, vector_sets, maps, tomls,
 )  # fmt: skip
 
 

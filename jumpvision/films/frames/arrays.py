@@ -91,6 +91,7 @@ class Hdf5Film(Film):
     """
 
     counts_axes = True
+    bare = True
 
     def __init__(self, path: Path, *, frame_rate: float | None, start: float, axes: str = "") -> None:
         self._axes = axes
