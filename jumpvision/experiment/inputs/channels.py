@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 import zlib
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
@@ -11,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jumpvision.base.arrays import AnyArray
-from jumpvision.base.schema import InputError, StageWarning
+from jumpvision.base.schema import InputError
 
-from .held import Channel, Held
+from .held import Channel, Held, tell
 from .lvm import lvm
 
 if TYPE_CHECKING:
@@ -44,8 +43,7 @@ def tdms(path: Path, asked: Collection[str]) -> Held:
                     )
             held = Held(list(full), {n: _of_tdms(n, c) for n, c in named.items()})
             if named and (file.file_status.incomplete_final_segment or file.file_status.channel_statuses):
-                said = f"{path}: its last segment is not whole: the file was cut off; copy it again"
-                warnings.warn(said, StageWarning, stacklevel=2)
+                tell(f"{path}: its last segment is not whole: the file was cut off; copy it again")
             return held
     except InputError:
         raise

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jumpvision.base.schema import InputError, StageWarning, closest
+from jumpvision.base.schema import InputError, closest
 from jumpvision.base.storage import irregular
 
 from .channels import READERS
-from .held import Channel, Held
+from .held import Channel, Held, tell
 from .recordings import LogSection
 
 if TYPE_CHECKING:
@@ -134,7 +133,7 @@ def _clock(path: Path, found: Mapping[str, Channel], rate: float | None) -> Arra
                 ]
             )
     if timed and timed[0].note:
-        warnings.warn(f"{path}: {timed[0].note}", StageWarning, stacklevel=4)
+        tell(f"{path}: {timed[0].note}")
     return timed[0].clock if timed else None
 
 
@@ -255,11 +254,9 @@ def _doubt_end(path: Path, raw: pd.DataFrame) -> None:
         return
     cells = raw.iloc[1:, -1].str.strip().str.len()
     if cells.iloc[-1] < cells.iloc[:-1].min():
-        warnings.warn(
+        tell(
             f"{path}: its last row ends in '{raw.iloc[-1, -1]}', without a newline and shorter than all others: was "
-            "the file cut off? Delete the row then",
-            StageWarning,
-            stacklevel=5,
+            "the file cut off? Delete the row then"
         )
 
 

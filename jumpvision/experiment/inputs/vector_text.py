@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
@@ -11,8 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from jumpvision.base.arrays import AnyArray, Array
-from jumpvision.base.schema import InputError, StageWarning
+from jumpvision.base.schema import InputError
 
+from .held import tell
 from .vector_field import FORMATS, Vectors
 
 LABEL = re.compile(r"([A-Za-z][A-Za-z ]*?)\s*\[([^\]]*)\]")  # PIVlab: x [px],y [px],u [px/frame],...
@@ -48,8 +48,7 @@ def _text(file: Path, measured: Collection[float]) -> Vectors:
     except UnicodeDecodeError as e:
         raise InputError([f"{file}: not text (byte {e.start}); allowed: {FORMATS}"]) from None
     if data and data[-1:] not in b"\r\n":  # every program ends its lines
-        said = f"{file}: line {len(lines)}: does not end: the file was cut off within it"
-        warnings.warn(said, StageWarning, stacklevel=4)
+        tell(f"{file}: line {len(lines)}: does not end: the file was cut off within it")
     if named:
         return _davis(file, lines) if head.startswith(b"#DaVis") else _insight(file, lines, measured)
     return _columns(file, lines, measured)
