@@ -161,3 +161,13 @@ def test_two_real_segments_under_one_header_need_a_rate():
     d = read_log(log, "time_s", "position_m")
     assert len(d) == 16384 and d.time_s.iloc[-1] == pytest.approx(16383 / 1024.0)
     assert d.position_m.iloc[[0, -1]].tolist() == [0.234571, 0.235689]
+
+
+def test_init_notes_what_was_cut_off(tmp_path):
+    from jumpvision.experiment.init.recognise import recordings
+
+    file = saved(tmp_path / "a.lvm", segment(TABLE, samples=100))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        (found,), notes = recordings(tmp_path, {})
+    assert found.file == file.name and any("promises 100 samples, 8 are there" in n for n in notes)

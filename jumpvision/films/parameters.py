@@ -8,6 +8,8 @@ from typing import ClassVar
 from jumpvision.base.parameters import Params
 from jumpvision.base.schema import param
 
+SMALLEST_BALL = 6.0  # px: below it neither the fit nor the search has enough rim
+
 
 @dataclass(frozen=True)
 class TrackParams(Params):
@@ -30,7 +32,7 @@ class TrackParams(Params):
     markers: tuple[tuple[float, ...], ...] = param(
         (), "px", "[[column, row], ...] of further balls in the first frame: track_2.csv, track_3.csv ..."
     )
-    diameter: float | None = param(None, "px", "ball diameter; default: from [rod_video]", lo=6, hi=2000)
+    diameter: float | None = param(None, "px", "ball diameter; default: from [rod_video]", lo=SMALLEST_BALL, hi=2000)
     exposure_correction: str = param(
         "apply",
         "",

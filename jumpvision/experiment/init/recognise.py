@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import csv
 import re
+import warnings
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from jumpvision.base.arrays import Image
-from jumpvision.base.schema import InputError
+from jumpvision.base.schema import InputError, StageWarning
 from jumpvision.experiment.inputs.channels import READERS as CHANNELS
 from jumpvision.films.frames import Film, FrameError, open_frames
 from jumpvision.films.frames.opening import READERS
@@ -66,10 +67,14 @@ def recordings(folder: Path, given: Mapping[str, str]) -> tuple[list[Recording],
     names = [*roles, *(n for n in candidates(folder) if n not in roles)]
     for name in names:
         try:
-            recording = recognised(folder, name, roles.get(name))
+            with warnings.catch_warnings(record=True) as told:
+                warnings.simplefilter("always", StageWarning)
+                recording = recognised(folder, name, roles.get(name))
         except (FrameError, InputError) as e:
             notes.append(f"{name}: not used: {str(e).removeprefix(f'{folder / name}: ')}")
             continue
+        said = [str(w.message) for w in told if issubclass(w.category, StageWarning)]
+        notes += [f"{name}: {text.removeprefix(f'{folder / name}: ')}" for text in dict.fromkeys(said)]
         if recording.section not in found:
             found[recording.section] = recording
         else:
@@ -241,8 +246,8 @@ def moving_ball(film: Film) -> tuple[int, str, float, float, float] | None:
     """(frame, polarity, column, row, diameter [px]) where a ball that moves through a film is seen first, or None."""
     import numpy as np
 
+    from jumpvision.films.parameters import SMALLEST_BALL
     from jumpvision.films.vision.ball.moving import moving_paths, still_scene
-    from jumpvision.films.vision.ball.track import MIN_DIAMETER
 
     head = [np.asarray(film[i]) for i in range(min(len(film), LOOKED))]
     if len(head) < FEWEST:
@@ -253,7 +258,7 @@ def moving_ball(film: Film) -> tuple[int, str, float, float, float] | None:
     if np.mean([np.abs(f - scene) > 0.15 * grey for f in head[:: len(head) // FEWEST]]) > 0.05:
         return None  # the scene itself moves: grains
     for polarity in ("bright", "dark"):
-        found = moving_paths(head, scene, None, polarity, MIN_DIAMETER)
+        found = moving_paths(head, scene, None, polarity, SMALLEST_BALL)
         if found and len(found[0]) >= MOST * len(head):
             first = found[0][0]
             return first.i, polarity, first.x, first.y, first.d

@@ -12,7 +12,7 @@ import numpy as np
 from jumpvision.base.arrays import AnyArray
 from jumpvision.base.schema import InputError
 
-from .held import Channel, Held
+from .held import Channel, Held, tell
 from .lvm import lvm
 
 if TYPE_CHECKING:
@@ -41,7 +41,10 @@ def tdms(path: Path, asked: Collection[str]) -> Held:
                     raise InputError(
                         [f"{path}: {n} claims {len(c)} values, which the file does not hold; copy it again"]
                     )
-            return Held(list(full), {n: _of_tdms(n, c) for n, c in named.items()})
+            held = Held(list(full), {n: _of_tdms(n, c) for n, c in named.items()})
+            if named and (file.file_status.incomplete_final_segment or file.file_status.channel_statuses):
+                tell(f"{path}: its last segment is not whole: the file was cut off; copy it again")
+            return held
     except InputError:
         raise
     except Exception as e:  # nptdms raises many kinds for what is no TDMS file

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -9,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jumpvision.base.arrays import AnyArray, Array
+from jumpvision.base.schema import StageWarning
 
 
 @dataclass(frozen=True)
@@ -31,3 +33,8 @@ class Held(NamedTuple):
 
     names: list[str]
     channels: Mapping[str, Channel]
+
+
+def tell(message: str) -> None:
+    """What to know about a file that is read all the same."""
+    warnings.warn(message, StageWarning, stacklevel=3)

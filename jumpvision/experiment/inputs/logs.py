@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jumpvision.base.schema import InputError, StageWarning, closest
+from jumpvision.base.schema import InputError, closest
 from jumpvision.base.storage import irregular
 
 from .channels import READERS
-from .held import Channel, Held
+from .held import Channel, Held, tell
 from .recordings import LogSection
 
 if TYPE_CHECKING:
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
 
 PACKED = {".gz", ".bz2", ".xz", ".zip", ".zst", ".tar"}
 LARGEST = 200e6  # bytes of a log, as text some 2 GB in memory
+PLAIN = "commas between the values, decimal points within them, one line of header"
 UNIT = re.compile(r"(.*\S)\s*\[\s*([^\[\]]+?)\s*\]")  # Position [mm]
 
 
@@ -104,7 +104,9 @@ def _cells(
     if missing[:1] == [time] and time not in called and (clock := _clock(path, found, rate)) is not None:
         found = {time: Channel(missing.pop(0), clock), **found}
     if missing:
-        said = f"the header is '{','.join(held.names)}'"
+        said = f"the header is '{','.join(held.names)[:200]}'"
+        if len(held.names) == 1 and re.search(r"[;\t]", held.names[0]):
+            raise InputError([f"{path}: {said}: must have {PLAIN}; save it so"])
         words = {c: f"{c} = '{called[c]}'" if c in called else c for c in missing}
         raise InputError(
             [f"{path}: column {words[c]} missing; {said}{closest(wanted[c], held.names)}" for c in missing]
@@ -131,7 +133,7 @@ def _clock(path: Path, found: Mapping[str, Channel], rate: float | None) -> Arra
                 ]
             )
     if timed and timed[0].note:
-        warnings.warn(f"{path}: {timed[0].note}", StageWarning, stacklevel=4)
+        tell(f"{path}: {timed[0].note}")
     return timed[0].clock if timed else None
 
 
@@ -217,8 +219,11 @@ def _table(path: Path, asked: Collection[str], columns: tuple[str, ...]) -> Held
             text = f"line {longer[2]} has {longer[3]} values, the header {longer[1]}"
         if opened := re.search(r"EOF inside string starting at row (\d+)", text):
             text = f"line {int(opened[1]) + 1}: a quotation mark opens a cell that never ends: close or remove it"
-        raise InputError([f"{path}: not a CSV table ({text}); expected the header {','.join(columns)}"]) from None
+        raise InputError(
+            [f"{path}: not a CSV table ({text}); expected the header {','.join(columns)}, and {PLAIN}"]
+        ) from None
     _refuse_swallowed(path, raw)
+    _doubt_end(path, raw)
     header = [str(c).strip() for c in raw.iloc[0]]
     if twice := [n for n in dict.fromkeys(asked) if header.count(n) > 1]:
         raise InputError([f"{path}: column {n} is there {header.count(n)} times; rename or remove one" for n in twice])
@@ -241,6 +246,18 @@ def _refuse_swallowed(path: Path, raw: pd.DataFrame, first: int = 0) -> None:
                     f"{len(cell.splitlines()) - 1} lines on: close it where it ends, or remove it"
                 ]
             )
+
+
+def _doubt_end(path: Path, raw: pd.DataFrame) -> None:
+    """A word where the last row may be cut within its number: no newline ends it, and all others are longer."""
+    if path.read_bytes()[-1:] in b"\r\n" or len(raw) < 4:
+        return
+    cells = raw.iloc[1:, -1].str.strip().str.len()
+    if cells.iloc[-1] < cells.iloc[:-1].min():
+        tell(
+            f"{path}: its last row ends in '{raw.iloc[-1, -1]}', without a newline and shorter than all others: was "
+            "the file cut off? Delete the row then"
+        )
 
 
 # Tables that a person writes: columns carry their units, as `length [mm]`.

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import re
-import warnings
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,9 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from jumpvision.base.arrays import Array
-from jumpvision.base.schema import InputError, StageWarning
+from jumpvision.base.schema import InputError
 
-from .held import Channel, Held
+from .held import Channel, Held, tell
 
 END, SPECIAL = "***End_of_Header***", ("***Start_Special***", "***End_Special***")
 CLOCKWORK = 1e-5  # relative error of a step that is no worse than a quartz's: rounded less, it is taken as it stands
@@ -45,7 +44,8 @@ class Layout:
 
 def lvm(path: Path, asked: Collection[str]) -> Held:
     """Channels by their names; `X_Value` is the column of X values, where there is one for all."""
-    lines = _text(path).splitlines()
+    text = _text(path)
+    lines = text.splitlines()
     if not lines or not lines[0].startswith("LabVIEW Measurement"):
         raise InputError([f"{path}: not a LabVIEW measurement file (its first line says so); save it again {FORMS}"])
     head, begin = _header(lines, 1)
@@ -54,6 +54,8 @@ def lvm(path: Path, asked: Collection[str]) -> Held:
         "," if one.get("Separator") == "comma" else "\t", one.get("Decimal_Separator", ""), one.get("X_Columns", "one")
     )
     segments = list(_segments(path, lines, begin, layout))
+    if text[-1] not in "\r\n":
+        tell(f"{path}: line {len(lines)}: does not end: the file was cut off within it")
     if not segments:
         raise InputError([f"{path}: no rows after its headers: the measurement was cut off; copy it again"])
     names = segments[0].names
@@ -140,11 +142,9 @@ def _promised(path: Path, told: Mapping[str, list[str]], names: list[str], rows:
     """A word about rows that the header promises and the file lacks."""
     whole = max((int(n) for n in told.get("Samples", ()) if n.isdigit()), default=0)
     if len(rows) < whole:
-        warnings.warn(
+        tell(
             f"{path}: line {line}: the header promises {whole} samples, {len(rows)} are there: the file was cut off, "
-            "and its last row may be; delete it if it looks so",
-            StageWarning,
-            stacklevel=2,
+            "and its last row may be; delete it if it looks so"
         )
 
 

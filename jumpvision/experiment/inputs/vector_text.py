@@ -12,6 +12,7 @@ import numpy as np
 from jumpvision.base.arrays import AnyArray, Array
 from jumpvision.base.schema import InputError
 
+from .held import tell
 from .vector_field import FORMATS, Vectors
 
 LABEL = re.compile(r"([A-Za-z][A-Za-z ]*?)\s*\[([^\]]*)\]")  # PIVlab: x [px],y [px],u [px/frame],...
@@ -46,6 +47,8 @@ def _text(file: Path, measured: Collection[float]) -> Vectors:
         lines = data.decode("latin-1" if named else "utf-8-sig").splitlines()
     except UnicodeDecodeError as e:
         raise InputError([f"{file}: not text (byte {e.start}); allowed: {FORMATS}"]) from None
+    if data and data[-1:] not in b"\r\n":  # every program ends its lines
+        tell(f"{file}: line {len(lines)}: does not end: the file was cut off within it")
     if named:
         return _davis(file, lines) if head.startswith(b"#DaVis") else _insight(file, lines, measured)
     return _columns(file, lines, measured)

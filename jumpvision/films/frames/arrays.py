@@ -33,6 +33,8 @@ def stack_shape(path: Path, shape: tuple[int, ...], what: str) -> tuple[int, tup
 class NpyFilm(Film):
     """A film in a .npy array, read frame by frame."""
 
+    bare = True
+
     def __init__(self, path: Path, *, frame_rate: float | None, start: float) -> None:
         with path.open("rb") as file:
             shape, fortran, dtype = npy_header(path, file)
@@ -89,6 +91,7 @@ class Hdf5Film(Film):
     """
 
     counts_axes = True
+    bare = True
 
     def __init__(self, path: Path, *, frame_rate: float | None, start: float, axes: str = "") -> None:
         self._axes = axes

@@ -68,6 +68,7 @@ class Film(ABC):
 
     decodes_on_opening = False  # and takes `seen`
     counts_axes = False  # takes `axes`
+    bare = False  # pixels lie in the file as they are: but for their look frames may be what a disk fills up with
     shown = False  # whether `open_frames(seen=...)` was given all frames of this film
 
     def __init__(

@@ -50,6 +50,8 @@ class CineFilm(Film):
     Per-frame time stamps beat the header's rate, which is wrong for a film saved with frames left out.
     """
 
+    bare = True
+
     def __init__(self, path: Path, *, frame_rate: float | None, start: float) -> None:
         self._file = path.open("rb")
         try:

@@ -39,6 +39,8 @@ class MrawFilm(Film):
     the header puts on the high side of 16 bits are shifted down, so that they fill bit_depth bits.
     """
 
+    bare = True
+
     def __init__(self, path: Path, *, frame_rate: float | None, start: float) -> None:
         raw, header = partners(path)
         h = read_header(header)

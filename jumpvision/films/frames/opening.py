@@ -67,4 +67,9 @@ def open_frames(
     asked: dict[str, Any] = {"seen": seen} if seen is not None and reader.decodes_on_opening else {}
     asked |= {"axes": axes} if axes else {}
     film: Film = reader(full, frame_rate=frame_rate, start=start, **asked)
+    if reader.bare and len(film) > 1 and film[0].any() and not film[-1].any():
+        film.warnings += (
+            f"{full}: the last frame is all 0: was its copy cut off? Copy it again, or leave out what is dark "
+            "(exclude_frames)",
+        )
     return film

@@ -42,6 +42,7 @@ class Scan:
     place: list[int | None] = field(default_factory=list)  # of packets in the file [bytes]
     broken: set[int] = field(default_factory=set)  # packets that cannot be decoded
     hidden: int = 0  # packets that an edit list hides
+    cut: bool = False  # the file ends before its container says
     frame_pts: list[int | None] = field(default_factory=list)
     frame_key: list[bool] = field(default_factory=list)
     kinds: set[tuple[int, int, str]] = field(default_factory=set)  # height, width, pixel format
@@ -86,6 +87,7 @@ def _scanned(path: Path, threads: str, seen: Callable[[Image], None] | None) -> 
             tick=Fraction(stream.time_base or 1),
             rate=float(stream.average_rate or 0),
             promised=stream.frames,
+            cut="matroska" in container.format.name and cut(path),
             duration=(alone - (container.start_time or 0)) * 1e-6 if alone else 0.0,
         )
         corrupt: list[int | None] = []
@@ -206,6 +208,19 @@ def whole_groups(key: Sequence[bool], bad: set[int]) -> set[int]:
     return {k for k in range(len(key)) if int(group[k]) in hurt}
 
 
+def cut(path: Path) -> bool:
+    """Whether a Matroska file ends before its segment does (RFC 9559: ID 18 53 80 67, then its size)."""
+    with path.open("rb") as file:
+        head = file.read(4096)
+    at = head.find(b"\x18\x53\x80\x67") + 4
+    if at < 4 or at + 8 > len(head) or not head[at]:
+        return False
+    length = 9 - head[at].bit_length()  # of the size [bytes]: one more than the zeros before its first 1
+    size = int.from_bytes(head[at : at + length], "big") & (2 ** (7 * length) - 1)
+    unknown = size == 2 ** (7 * length) - 1  # of a film that was never finished
+    return not unknown and at + length + size > path.stat().st_size
+
+
 def shortfall(scan: Scan) -> int:
     """Frames that the header promises beyond what the file holds."""
     read = len(scan.pts) + scan.hidden
@@ -216,5 +231,7 @@ def shortfall(scan: Scan) -> int:
     if scan.duration and scan.rate and len(scan.pts) > 1:  # MKV and WEBM know no count, only how long the film lasts
         last = (max(scan.pts) - min(scan.pts)) * float(scan.tick) + 1 / scan.rate
         missing = (scan.duration - last) * scan.rate
-        return round(missing) if missing > max(1.0, 2 * float(scan.tick) * scan.rate) else 0
+        if missing > max(1.0, 2 * float(scan.tick) * scan.rate):
+            return round(missing)
+        return max(round(missing), 1) if scan.cut else 0
     return 0

@@ -23,6 +23,8 @@ STAMP = np.dtype([("s", "<u4"), ("ms", "<u2"), ("us", "<u2")])
 class SeqFilm(Film):
     """A NorPix film of uncompressed grey, 8 or 16 bits a pixel."""
 
+    bare = True
+
     def __init__(self, path: Path, *, frame_rate: float | None, start: float) -> None:
         size = path.stat().st_size
         with path.open("rb") as file:

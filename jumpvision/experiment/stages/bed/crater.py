@@ -133,6 +133,12 @@ def read_map(section: CraterDepth) -> Array:
         ) from None
     if len(maps) != 1 or maps[0].ndim != 2 or maps[0].dtype.kind not in "fiu":
         raise ValueError(f"{path}: needs exactly one 2-D array of numbers; found {len(maps)}; save the map alone")
+    if not maps[0].size:
+        raise ValueError(f"{path}: a map of {maps[0].shape[0]} rows x {maps[0].shape[1]} columns; save it again")
+    dark = np.all(maps[0] == 0, axis=1)
+    if dark[-1] and not dark.all():
+        said = f"{path}: rows {dark.size - int(dark[::-1].argmin())} to {dark.size - 1} are exactly 0"
+        warnings.warn(f"{said}: not measured, or a copy that was cut off? make them NaN", StageWarning, stacklevel=3)
     return measured_only(maps[0])
 
 

@@ -210,7 +210,18 @@ def _dot(a, b, n):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _dots(a, rows, n):  # type: ignore[no-untyped-def]
-    return _dot(a, rows, n), _dot(a, rows[BLOCK:], n), _dot(a, rows[2 * BLOCK :], n)
+    """`_dot` of a with three rows, in one pass."""
+    p, q, r = rows, rows[BLOCK:], rows[2 * BLOCK :]
+    p0 = p1 = p2 = p3 = q0 = q1 = q2 = q3 = r0 = r1 = r2 = r3 = 0.0
+    for j in range(n // 4):
+        k = uint64(4 * j)
+        a0, a1, a2, a3 = a[k], a[k + ONE], a[k + TWO], a[k + THREE]
+        p0, p1, p2, p3 = p0 + a0 * p[k], p1 + a1 * p[k + ONE], p2 + a2 * p[k + TWO], p3 + a3 * p[k + THREE]
+        q0, q1, q2, q3 = q0 + a0 * q[k], q1 + a1 * q[k + ONE], q2 + a2 * q[k + TWO], q3 + a3 * q[k + THREE]
+        r0, r1, r2, r3 = r0 + a0 * r[k], r1 + a1 * r[k + ONE], r2 + a2 * r[k + TWO], r3 + a3 * r[k + THREE]
+    for i in range(n - n % 4, n):
+        p0, q0, r0 = p0 + a[i] * p[i], q0 + a[i] * q[i], r0 + a[i] * r[i]
+    return (p0 + p1) + (p2 + p3), (q0 + q1) + (q2 + q3), (r0 + r1) + (r2 + r3)
 
 
 @njit(cache=True, inline="always")

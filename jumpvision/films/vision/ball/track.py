@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Image
+from jumpvision.films.parameters import SMALLEST_BALL
 
 from .background import Background, View
 from .measure import AS_THEY_ARE, Block, DiscMeasure, Found, Start, ThresholdMeasure, span
@@ -18,7 +19,6 @@ from .reasons import COVERED, GOOD, Flag, Reason
 from .search import Blob, find_blobs
 from .unknowns import WX, WY
 
-MIN_DIAMETER = 6.0  # px: below it neither the fit nor the search has enough rim
 POLARITIES = ("bright", "dark")
 LEAVES = 2.0  # steps before the border from which a ball that is lost has left the image
 METHODS = ("disc", "threshold", "template")
@@ -263,7 +263,9 @@ class BallTracker:
         return [f for f in free if math.hypot(f.x - x, f.y - y) <= reach]
 
     def _blobs(self, image: NDArray[np.generic]) -> list[Blob]:
-        return find_blobs(image, diameter=self.d, polarity=self.polarity, min_diameter=MIN_DIAMETER, streak=self.streak)
+        return find_blobs(
+            image, diameter=self.d, polarity=self.polarity, min_diameter=SMALLEST_BALL, streak=self.streak
+        )
 
     def _take(self, found: Found) -> Found:
         if self.last is None:
@@ -313,8 +315,8 @@ def _check(
     seed: tuple[float, float] | None,
     exposure_fraction: float,
 ) -> None:
-    if diameter is not None and not (MIN_DIAMETER <= diameter < math.inf):
-        raise ValueError(f"diameter = {diameter!r}: must be at least {MIN_DIAMETER:g} px, or None to learn it")
+    if diameter is not None and not (SMALLEST_BALL <= diameter < math.inf):
+        raise ValueError(f"diameter = {diameter!r}: must be at least {SMALLEST_BALL:g} px, or None to learn it")
     if polarity not in POLARITIES:
         raise ValueError(f"polarity = {polarity!r}: must be one of {POLARITIES} (ball against the background)")
     if method not in METHODS:

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Float32, Image
 from jumpvision.films.frames.base import Frames
+from jumpvision.films.parameters import SMALLEST_BALL
 
 from .background import Background, View
 from .measure import DiscMeasure, Found, Start
 from .moving import MOST_FRAMES, AtHand, Path, Spot, at, elsewhere, moving_paths, still_scene
 from .reasons import Flag, Reason
-from .track import MIN_DIAMETER, BallSettings, BallTrack, BallTracker, as_track
+from .track import BallSettings, BallTrack, BallTracker, as_track
 from .unknowns import A, B
 
 USUAL, ON_PATH = 1.25, 0.4  # largest ratio of contrasts along a path; diameters off it
@@ -35,11 +36,11 @@ def validated(track: BallTrack, frames: Frames, settings: BallSettings) -> BallT
         return track
     track = without_still_objects(track, frames, settings)
     good = track.flag == ""
-    d = float(np.median(track.diameter[good])) if good.any() else settings.diameter or MIN_DIAMETER
+    d = float(np.median(track.diameter[good])) if good.any() else settings.diameter or SMALLEST_BALL
     still = is_still(track)
     if still or np.mean(~good) > 0.15:  # so many lost: the film is searched for what moves
         scene = still_scene(frames)
-        paths = moving_paths(frames, scene, settings.diameter, settings.polarity, MIN_DIAMETER)
+        paths = moving_paths(frames, scene, settings.diameter, settings.polarity, SMALLEST_BALL)
         # speeds that a path may have come unseen from the seed; the only one of the film more
         came = 0.5 if len(paths) > 1 else 1.5
         ours = [p for p in paths if settings.seed is None or _begins(p, settings.seed, came)]
