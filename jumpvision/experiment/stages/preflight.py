@@ -45,8 +45,9 @@ from jumpvision.films.frames import Film
 from jumpvision.films.frames.decoding import open_video
 from jumpvision.films.frames.opening import READERS
 
-from .crosschecks import cross_checks, motion_of, ringing
+from .crosschecks import cross_checks, falling, motion_of, ringing, softness
 from .fit import contact_of
+from .push import pushes
 from .recordings import NOWHERE, bare_view, in_pixels, open_film, open_pictures
 from .rod import read_motor, total_mass
 from .spring import read_spring
@@ -210,9 +211,14 @@ def _doubts(e: Experiment, found: Found) -> Iterator[StageWarning]:
     motion = None
     if rod is not None and (log is None or found.motor is not None):
         motion = found.ask(lambda: motion_of(*rod.arrays, robot, law, log))
-    yield from cross_checks(found.name, motion, found.contact, law, found.motor)
-    if motion is not None and rod is not None and robot is not None and law is not None:
-        yield from ringing(found.name, motion, rod.arrays[1], robot, law)
+    hard = e.ground == "hard"
+    yield from cross_checks(found.name, motion, found.contact, law, found.motor, softness(motion, robot, hard=hard))
+    if motion is None or rod is None or robot is None:
+        return
+    yield from falling(motion, robot, found.name)
+    if law is not None:
+        yield from ringing(found.name, motion, rod.arrays[1], robot, law, hard=hard)
+        yield from pushes(found.name, *rod.arrays[:2], robot, law, log if found.motor is not None else None)
 
 
 def _prefix(ratio: float) -> bool:
