@@ -1,6 +1,8 @@
 """Damaged files: 500,000 random cases over every kind of file that is read, each kind in processes of its own.
 
-`python -m benchmarks.fuzz [cases] [first seed]`; a mend is judged on seeds that did not find the fault
+`python -m benchmarks.fuzz [cases] [first seed]`; a mend is judged on seeds that did not find the fault.
+`python -m benchmarks.fuzz contradictions [first seed] [draws]`: slips planted into healthy folders.
+`python -m benchmarks.fuzz kills [number] [first seed]`: runs killed at random moments.
 """
 
 from __future__ import annotations
@@ -37,4 +39,13 @@ def main(total: int = TOTAL, first: int = 0) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    if sys.argv[1:2] == ["contradictions"]:
+        from benchmarks.contradictions import table
+
+        table(*map(int, sys.argv[2:]))
+    elif sys.argv[1:2] == ["kills"]:
+        from benchmarks.kills import table as kills
+
+        kills(*map(int, sys.argv[2:]))
+    else:
+        main(*map(int, sys.argv[1:]))

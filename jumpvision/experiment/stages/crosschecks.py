@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -36,9 +36,11 @@ from .rod import commanded, hanging_foot, other_spring, position_at, total_mass
 
 FEWEST = 20  # samples of a recording
 SHORTEST = 0.03  # s: shorter flights of a track are not compared
+ENOUGH = 4e-3  # s between samples that tell a curvature
 GAP = 0.05  # s without a sample over which a flight is not followed
 AGREE = 5.0  # sigmas, and
 SHARE = 0.05  # of a flight's time, by which two flights may differ
+LOUDER = 1.3  # ratio of a log's amplitude to its law's that no loop of a motor makes
 CLEAR = 0.7  # overlap of flights from which two clocks are compared
 MOST = 0.5  # share of the time in flight which the contact log, if it is right, calls flight: far less than it does
 
@@ -145,10 +147,14 @@ def upright(name: str, motion: Motion, found: Flights) -> Iterator[StageWarning]
 def falling(motion: Motion, robot: Robot, name: str) -> Iterator[StageWarning]:
     """The curvature of free flight beside gravity: scale, frame rate or tilt."""
     foot = hanging_foot(robot)
+    good = np.isfinite(motion.t) & np.isfinite(motion.height)
+    if good.sum() < FEWEST:
+        return
+    every = max(1, round(ENOUGH / float(np.median(np.diff(motion.t[good])))))
     found = track_flights(
-        motion.t,
-        motion.height,
-        motion.sigma,
+        motion.t[good][::every],
+        motion.height[good][::every],
+        None if motion.sigma is None else motion.sigma[good][::every],
         gravity=robot.gravity,
         gravity_sigma=robot.sigma.gravity,
         shortest=SHORTEST,
@@ -269,7 +275,7 @@ def _same_flight(
         return
     near = complete[int(np.argmin(np.abs(said.lift_off[complete] - found.lift_off[k])))]
     off = abs(float(said.time[near]) - time)
-    if off < max(AGREE * math.hypot(sigma, float(said.time_sigma[near])), soft, SHARE * time):
+    if time < 4.0 * soft or off < max(AGREE * math.hypot(sigma, float(said.time_sigma[near])), soft, SHARE * time):
         return
     if abs(said.lift_off[near] - found.lift_off[k]) < 0.5 * time:
         high = [flight_height(float(x), 0.0, gravity=motion.gravity).value for x in (said.time[near], time)]
@@ -299,3 +305,40 @@ def driven(law: Actuation, t: Array, x: Array) -> Iterator[StageWarning]:
             "motor_log",
             {"correlation": alike},
         )
+        return
+    if alike > 0.8:
+        yield from _otherwise(law, t, x)
+
+
+def _otherwise(law: Actuation, t: Array, x: Array) -> Iterator[StageWarning]:
+    """The log's amplitude and frequency beside the law's, by least squares over its motion."""
+    paces = np.geomspace(0.5, 2.0, 81)
+    fits = [_like(replace(law, frequency=(law.frequency or 0.0) * q), t, x) for q in paces]
+    best, as_is = min(fits), fits[paces.size // 2]
+    pace = float(paces[fits.index(best)])
+    if best[0] < 0.5 * as_is[0] and abs(math.log(pace)) > math.log(1.1):
+        frequency = (law.frequency or 0.0) * pace
+        yield StageWarning(
+            "differs",
+            f"[motor_log] position_m moves at {frequency:.3g} Hz, [actuation] frequency = {law.frequency:g} Hz: is it "
+            "the log of this experiment?",
+            "motor_log",
+            {"logged_hz": frequency, "asked_hz": law.frequency or 0.0},
+        )
+    elif 1.0 / 3.0 < as_is[1] < 1.0 / LOUDER or LOUDER < as_is[1] < 3.0:  # beyond, its stroke is told
+        amplitude = (law.amplitude or 0.0) * as_is[1]
+        yield StageWarning(
+            "differs",
+            f"[motor_log] position_m moves with an amplitude of {amplitude:.3g} m, [actuation] amplitude = "
+            f"{law.amplitude:g} m: is it the log of this experiment?",
+            "motor_log",
+            {"logged_m": amplitude, "asked_m": law.amplitude or 0.0},
+        )
+
+
+def _like(law: Actuation, t: Array, x: Array) -> tuple[float, float]:
+    """(rms [m] that is left of the log, factor on the law's amplitude) over the motion of a law."""
+    moving = (t >= law.start - 0.05) & (t <= law.stop + 0.05)
+    asked, seen = commanded(law)(t[moving])[0], x[moving]
+    factor = float(asked @ seen / max(float(asked @ asked), 1e-30))
+    return float(np.sqrt(np.mean((seen - factor * asked) ** 2))), factor
