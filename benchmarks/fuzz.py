@@ -1,10 +1,14 @@
 """Damaged files: 500,000 random cases over every kind of file that is read, each kind in processes of its own.
 
-`python -m benchmarks.fuzz [cases] [first seed]`; a mend is judged on seeds that did not find the fault
+`python -m benchmarks.fuzz [cases] [first seed]`; a mend is judged on seeds that did not find the fault.
+`python -m benchmarks.fuzz contradictions [first seed] [draws]`: slips planted into healthy folders.
+`python -m benchmarks.fuzz kills [number]`: runs killed at random moments.
 """
 
 from __future__ import annotations
 
+import json
+import subprocess
 import sys
 import tempfile
 import time
@@ -36,5 +40,25 @@ def main(total: int = TOTAL, first: int = 0) -> None:
         print(f"\n- {text}")
 
 
+def kills(number: int = 100) -> None:
+    """A campaign with films, pictures, a diagnosis and two workers, killed at random moments and run again."""
+    with tempfile.TemporaryDirectory() as folder:
+        call = [sys.executable, "tests/fault_lab.py", "whole", folder, str(number)]
+        found = json.loads(subprocess.run(call, stdout=subprocess.PIPE, text=True, check=True).stdout)
+    print(
+        f"Killed at {found['moments']} random moments, {found['killed']} of them at work, and run again: "
+        f"{len(found['different'])} results differ, {len(found['torn'])} torn files, {len(found['left'])} left over."
+    )
+    for text in (*found["different"], *found["torn"], *found["left"]):
+        print(f"- {text}")
+
+
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    if sys.argv[1:2] == ["contradictions"]:
+        from benchmarks.contradictions import table
+
+        table(*map(int, sys.argv[2:]))
+    elif sys.argv[1:2] == ["kills"]:
+        kills(*map(int, sys.argv[2:]))
+    else:
+        main(*map(int, sys.argv[1:]))

@@ -18,9 +18,11 @@ from conftest import SAMPLES
 
 from jumpvision.base.schema import InputError, StageWarning
 from jumpvision.cli import main
-from jumpvision.experiment.inputs.experiment import open_folder
+from jumpvision.experiment.inputs.experiment import open_experiment, open_folder
 from jumpvision.experiment.inputs.sections import Actuation
 from jumpvision.experiment.stages.crosschecks import Motion, cross_checks, driven, repeated
+from jumpvision.experiment.stages.preflight import preflight
+from jumpvision.laboratory.campaign import write_campaign
 
 G, CONTACT = 9.81, 0.06  # m/s^2, s of a stance between two hops
 REST = 0.4  # s, before the first hop
@@ -191,3 +193,75 @@ def test_a_crater_map_in_mm_is_told(tmp_path, capsys, unit, told):
     np.savez(tmp_path / "crater.npz", z=unit * z)
     assert main(["crater", str(tmp_path), "--results", str(tmp_path / "r"), "--no-pictures"]) == 0
     assert capsys.readouterr().err.count("m wide: in mm? then give height_scale = 0.001") == told
+
+
+WORLD = """
+name = "a world"
+ground = "hard"
+duration = 1.2
+start = 0.2
+[robot]
+motor_mass = 1.003
+rod_mass = 0.175
+spring_stiffness = 5760.6
+spring_damping = 1.37
+[truth]
+terms = []
+[[jumps]]
+kind = "single"
+frequency = 9.0
+amplitude = 0.004
+[record]
+rod_track = { rate = 250.0, noise = 3e-5, family = "t3" }
+motor_log = {}
+[model]
+terms = []
+"""
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory):
+    """A jump of the laboratory with a motor log; its folder."""
+    place = tmp_path_factory.mktemp("world")
+    (place / "protocol.toml").write_text(WORLD)
+    write_campaign(place / "protocol.toml", place / "c", seed=5)
+    return next(place.glob("c/*/experiment.toml")).parent
+
+
+def told_of(folder):
+    problems, told = preflight(open_experiment(folder))
+    assert problems == []
+    return [(t["kind"], t["recording"]) for t in told]
+
+
+PLANTED = {
+    "healthy": (lambda track, motor: None, []),
+    "scale 12 % off": (lambda track, motor: track.__setitem__("height_m", 1.12 * track.height_m), ["scale"]),
+    "half the frame rate": (lambda track, motor: track.__setitem__("time_s", 0.5 * track.time_s), ["clock"]),
+    "log late by 8 ms": (lambda track, motor: motor.__setitem__("time_s", motor.time_s + 0.008), ["clock"]),
+    "log 60 % louder": (lambda track, motor: motor.__setitem__("position_m", 1.6 * motor.position_m), ["differs"]),
+}
+
+
+@pytest.mark.parametrize("what", PLANTED)
+def test_what_contradicts_gravity_or_the_motor_is_told(world, tmp_path, what):
+    act, kinds = PLANTED[what]
+    folder = shutil.copytree(world.parent, tmp_path / "c") / world.name
+    track, motor = (pd.read_csv(folder / n, comment="#") for n in ("rod_track.csv", "motor.csv"))
+    act(track, motor)
+    track.to_csv(folder / "rod_track.csv", index=False)
+    motor.to_csv(folder / "motor.csv", index=False)
+    assert set(kinds) <= {kind for kind, _ in told_of(folder)}
+    assert kinds or told_of(folder) == []
+
+
+def test_a_crater_deeper_than_its_bed_is_told(tmp_path):
+    (tmp_path / "experiment.toml").write_text(
+        'schema = 1\nground = "granular"\n[bed]\nsolid_volume = 0.01\nvolume_fraction = 0.6\n'
+        'length = 0.5\nwidth = 0.5\n[intrusion_log]\nfile = "intrusion.csv"\n'
+    )
+    for unit, kinds in ((1.0, []), (2.0, [("differs", "intrusion_log")]), (1e3, [("unit", "intrusion_log")])):
+        z = np.linspace(0.0, 0.05 * unit, 200)
+        rows = pd.DataFrame({"time_s": np.arange(200) / 50, "depth_m": z, "force_N": 100.0 * z})
+        rows.to_csv(tmp_path / "intrusion.csv", index=False)
+        assert told_of(tmp_path) == kinds  # a bed of 67 mm

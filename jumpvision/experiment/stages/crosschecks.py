@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import StageWarning
 from jumpvision.base.storage import sha256
-from jumpvision.estimate.flight import Flights, contact_flights, flight_height
+from jumpvision.estimate.flight import Flights, contact_flights, flight_height, track_flights
 from jumpvision.estimate.flight.flights import flights_of
 from jumpvision.estimate.flight.track import noise_of, pieces, stretches
 from jumpvision.estimate.ringdown import ring_down
@@ -30,13 +30,18 @@ from jumpvision.experiment.inputs.sections import (
     RodTrack,
     RodVideo,
 )
+from jumpvision.jumper.physics.oscillator import foot_ripple
 
-from .rod import commanded, other_spring, position_at, total_mass
+from .rod import commanded, hanging_foot, other_spring, position_at, total_mass
 
 FEWEST = 20  # samples of a recording
 SHORTEST = 0.03  # s: shorter flights of a track are not compared
+ENOUGH = 4e-3  # s between samples that tell a curvature
+GAP = 0.05  # s without a sample over which a flight is not followed
 AGREE = 5.0  # sigmas, and
-SHARE = 0.05  # of a flight's time, by which two flights may differ: a foot leaves later than its spring is slack
+SHARE = 0.05  # of a flight's time, by which two flights may differ
+LOUDER = 1.3  # ratio of a log's amplitude to its law's that no loop of a motor makes
+CLEAR = 0.7  # overlap of flights from which two clocks are compared
 MOST = 0.5  # share of the time in flight which the contact log, if it is right, calls flight: far less than it does
 
 
@@ -61,7 +66,7 @@ class Motion:
         sigma = np.full(t.size, noise_of(h)) if self.sigma is None else self.sigma[good]
         step = float(np.median(np.diff(t)))
         rows: list[tuple[float, ...]] = []
-        for a, b in pieces(t, 0.05):  # a flight is not followed over 0.05 s without a sample
+        for a, b in pieces(t, GAP):
             if b - a < FEWEST or np.ptp(h[a:b]) == 0.0:
                 continue
             found = stretches(t[a:b], h[a:b], sigma[a:b], gravity=self.gravity)
@@ -89,13 +94,15 @@ def cross_checks(
     touches: tuple[Array, Array] | None,
     law: Actuation | None,
     motor: tuple[Array, Array] | None,
+    soft: float = 0.0,
 ) -> Iterator[StageWarning]:
-    """Every doubt. name: the track's section. touches: times and 0 or 1 of the contact log; motor: times, X_m [m]."""
+    """Every doubt. name: the track's section. touches: times and 0 or 1 of the contact log; motor: times, X_m [m].
+    soft [s]: as in `contact`."""
     if motion is not None and np.isfinite(motion.height).sum() > FEWEST:
         found = motion.flights()
         yield from upright(name, motion, found)
         if touches is not None and touches[0].size > FEWEST:
-            yield from contact(name, motion, found, *touches)
+            yield from contact(name, motion, found, *touches, soft)
     if law is not None and motor is not None:
         yield from driven(law, *motor)
 
@@ -137,8 +144,31 @@ def upright(name: str, motion: Motion, found: Flights) -> Iterator[StageWarning]
         )
 
 
-def ringing(name: str, motion: Motion, h: Array, robot: Robot, law: Actuation) -> Iterator[StageWarning]:
-    """The frequency of the rod's height h (n,) [m] after the last landing beside that of spring and masses."""
+def falling(motion: Motion, robot: Robot, name: str) -> Iterator[StageWarning]:
+    """The curvature of free flight beside gravity: scale, frame rate or tilt."""
+    foot = hanging_foot(robot)
+    good = np.isfinite(motion.t) & np.isfinite(motion.height)
+    if good.sum() < FEWEST:
+        return
+    every = max(1, round(ENOUGH / float(np.median(np.diff(motion.t[good])))))
+    found = track_flights(
+        motion.t[good][::every],
+        motion.height[good][::every],
+        None if motion.sigma is None else motion.sigma[good][::every],
+        gravity=robot.gravity,
+        gravity_sigma=robot.sigma.gravity,
+        shortest=SHORTEST,
+        max_gap=GAP,
+        ripple=foot_ripple(*foot) if foot else 0.0,
+    )
+    for doubt in found.doubts:
+        if doubt.kind == "scale":
+            yield StageWarning("scale", f"[{name}] {doubt}", name, doubt.values)
+
+
+def ringing(name: str, motion: Motion, h: Array, robot: Robot, law: Actuation, *, hard: bool) -> Iterator[StageWarning]:
+    """The frequency of the rod's height h (n,) [m] after the last landing beside that of spring and masses; sand may
+    only make it less."""
     k, mass, t = robot.spring_stiffness, total_mass(robot), motion.t
     if not k or not mass or motion.sigma is None or not (law.moves or law.kind == "none"):
         return
@@ -150,7 +180,8 @@ def ringing(name: str, motion: Motion, h: Array, robot: Robot, law: Actuation) -
     ring = ring_down(t[tail], h[tail], motion.sigma[tail])
     if ring.reason or ring.frequency <= 0.0 or not ring.chi2 < 10.0 * ring.n:
         return
-    if doubt := other_spring(ring.frequency, k, mass):
+    slower = ring.frequency < math.sqrt(k / mass) / (2.0 * math.pi)
+    if (hard or not slower) and (doubt := other_spring(ring.frequency, k, mass)):
         yield StageWarning(doubt.kind, f"[{name}] {doubt}", doubt.recording, doubt.values)
 
 
@@ -159,8 +190,9 @@ def _lasting(flights: Flights) -> float:
     return float(np.nansum(flights.time)) if len(flights) else 0.0
 
 
-def contact(name: str, motion: Motion, found: Flights, t: Array, touches: Array) -> Iterator[StageWarning]:
-    """A contact log (1 on the ground) at t (n,) [s] beside the flights that the track shows."""
+def contact(name: str, motion: Motion, found: Flights, t: Array, touches: Array, soft: float) -> Iterator[StageWarning]:
+    """A contact log (1 on the ground) at t (n,) [s] beside the flights that the track shows. soft [s]: by which a
+    spring and the ground make a flight seem longer, or a foot leaves later."""
     span, seen = float(t[-1] - t[0]), float(motion.t[-1] - motion.t[0])
     if seen > 0.0 and not 1.0 / 100.0 < span / seen < 100.0:
         yield StageWarning(
@@ -187,7 +219,7 @@ def contact(name: str, motion: Motion, found: Flights, t: Array, touches: Array)
             {"air_in_flight": flying, "air_on_the_ground": standing},
         )
         return
-    yield from _same_flight(name, motion, found, int(longest), said)
+    yield from _same_flight(name, motion, found, int(longest), said, t, touches, soft)
 
 
 def _within(t: Array, flights: Flights) -> NDArray[np.bool_]:
@@ -199,29 +231,53 @@ def _within(t: Array, flights: Flights) -> NDArray[np.bool_]:
     return out
 
 
-def _same_flight(name: str, motion: Motion, found: Flights, k: int, said: Flights) -> Iterator[StageWarning]:
-    """The longest flight of the track beside that of the contact log which is as long."""
+def softness(motion: Motion | None, robot: Robot | None, *, hard: bool) -> float:
+    """Time [s] by which a flight that a track shows to its noise s may be longer than its contact: at each end the
+    spring bends it by (k/M) v t^3/6 < 5 s. On sand the foot leaves and meets the ground a quarter of a swing later."""
+    mass = total_mass(robot)
+    if motion is None or robot is None or not mass or not robot.spring_stiffness:
+        return 0.0
+    noise = float(np.nanmedian(motion.sigma)) if motion.sigma is not None else noise_of(motion.height)
+    square = robot.spring_stiffness / mass
+    own = 2.0 * (30.0 * noise / (square * 0.3)) ** (1.0 / 3.0)  # v of 0.3 m/s, of a jump of 5 mm
+    return own if hard else own + 0.5 * math.pi / math.sqrt(square)
+
+
+def _late(found: Flights, t: Array, touches: Array) -> tuple[float, float, float]:
+    """(shift [s] at which what a contact log calls air is best what the track calls flight, their overlap there, and as
+    the clocks are): the share of both that is of both."""
+    ticks = np.arange(t[0], t[-1], 2e-3)
+    flies = _within(ticks, found)
+    air = np.interp(ticks, t, 1.0 - touches) > 0.5
+    both = np.array([np.mean(flies & np.roll(air, n)) for n in range(-ticks.size // 2, ticks.size // 2)])
+    share = both / max(float(flies.mean() + air.mean()) - both.max(), 1e-9)
+    best = int(np.argmax(both))
+    return (best - ticks.size // 2) * 2e-3, float(share[best]), float(share[ticks.size // 2])
+
+
+def _same_flight(
+    name: str, motion: Motion, found: Flights, k: int, said: Flights, t: Array, touches: Array, soft: float
+) -> Iterator[StageWarning]:
+    """The longest flight of the track beside that of the contact log at the same time, or the clocks of both."""
     time, sigma = float(found.time[k]), float(found.time_sigma[k])
+    shift, there, here = _late(found, t, touches)
+    if there > CLEAR and here < there - 0.2 and abs(shift) > 0.25 * time:
+        yield StageWarning(
+            "clock",
+            f"[contact_log] and [{name}] agree on {100 * there:.0f} % of the time in flight where the log's times are "
+            f"taken {shift:+.3f} s, on {100 * here:.0f} % as they are: is it on the common clock?",
+            "contact_log",
+            {"shift_s": shift, "agree_shifted": there, "agree": here},
+        )
+        return
     complete = np.flatnonzero(np.isfinite(said.time))
     if not complete.size:
         return
     near = complete[int(np.argmin(np.abs(said.lift_off[complete] - found.lift_off[k])))]
-    alike = complete[int(np.argmin(np.abs(said.time[complete] - time)))]
-
-    def differs(i: int) -> bool:
-        both = math.hypot(sigma, float(said.time_sigma[i]))
-        return abs(float(said.time[i]) - time) > max(AGREE * both, SHARE * time)
-
-    off = float(said.lift_off[alike] - found.lift_off[k])
-    if not differs(alike) and abs(off) > max(0.25 * time, AGREE * float(found.lift_off_sigma[k])):
-        yield StageWarning(
-            "clock",
-            f"[contact_log] lifts off at {said.lift_off[alike]:.4g} s for the flight of {time:.3g} s that [{name}] "
-            f"begins at {found.lift_off[k]:.4g} s: is it on the common clock? start = {-off:+.4g} s would fit",
-            "contact_log",
-            {"contact_s": float(said.lift_off[alike]), "track_s": float(found.lift_off[k])},
-        )
-    elif differs(near) and abs(said.lift_off[near] - found.lift_off[k]) < 0.5 * time:
+    off = abs(float(said.time[near]) - time)
+    if time < 4.0 * soft or off < max(AGREE * math.hypot(sigma, float(said.time_sigma[near])), soft, SHARE * time):
+        return
+    if abs(said.lift_off[near] - found.lift_off[k]) < 0.5 * time:
         high = [flight_height(float(x), 0.0, gravity=motion.gravity).value for x in (said.time[near], time)]
         yield StageWarning(
             "differs",
@@ -249,3 +305,40 @@ def driven(law: Actuation, t: Array, x: Array) -> Iterator[StageWarning]:
             "motor_log",
             {"correlation": alike},
         )
+        return
+    if alike > 0.8:
+        yield from _otherwise(law, t, x)
+
+
+def _otherwise(law: Actuation, t: Array, x: Array) -> Iterator[StageWarning]:
+    """The log's amplitude and frequency beside the law's, by least squares over its motion."""
+    paces = np.geomspace(0.5, 2.0, 81)
+    fits = [_like(replace(law, frequency=(law.frequency or 0.0) * q), t, x) for q in paces]
+    best, as_is = min(fits), fits[paces.size // 2]
+    pace = float(paces[fits.index(best)])
+    if best[0] < 0.5 * as_is[0] and abs(math.log(pace)) > math.log(1.1):
+        frequency = (law.frequency or 0.0) * pace
+        yield StageWarning(
+            "differs",
+            f"[motor_log] position_m moves at {frequency:.3g} Hz, [actuation] frequency = {law.frequency:g} Hz: is it "
+            "the log of this experiment?",
+            "motor_log",
+            {"logged_hz": frequency, "asked_hz": law.frequency or 0.0},
+        )
+    elif 1.0 / 3.0 < as_is[1] < 1.0 / LOUDER or LOUDER < as_is[1] < 3.0:  # beyond, its stroke is told
+        amplitude = (law.amplitude or 0.0) * as_is[1]
+        yield StageWarning(
+            "differs",
+            f"[motor_log] position_m moves with an amplitude of {amplitude:.3g} m, [actuation] amplitude = "
+            f"{law.amplitude:g} m: is it the log of this experiment?",
+            "motor_log",
+            {"logged_m": amplitude, "asked_m": law.amplitude or 0.0},
+        )
+
+
+def _like(law: Actuation, t: Array, x: Array) -> tuple[float, float]:
+    """(rms [m] that is left of the log, factor on the law's amplitude) over the motion of a law."""
+    moving = (t >= law.start - 0.05) & (t <= law.stop + 0.05)
+    asked, seen = commanded(law)(t[moving])[0], x[moving]
+    factor = float(asked @ seen / max(float(asked @ asked), 1e-30))
+    return float(np.sqrt(np.mean((seen - factor * asked) ** 2))), factor

@@ -24,6 +24,7 @@ from jumpvision.experiment.inputs.model import ModelSpec
 from jumpvision.experiment.inputs.sections import (
     PHASES,
     Actuation,
+    Bed,
     BedImage,
     Calibration,
     ContactLog,
@@ -45,13 +46,15 @@ from jumpvision.films.frames import Film
 from jumpvision.films.frames.decoding import open_video
 from jumpvision.films.frames.opening import READERS
 
-from .crosschecks import cross_checks, motion_of, ringing
+from .crosschecks import cross_checks, falling, motion_of, ringing, softness
 from .fit import contact_of
+from .push import pushes
 from .recordings import NOWHERE, bare_view, in_pixels, open_film, open_pictures
 from .rod import read_motor, total_mass
 from .spring import read_spring
 
 THOUSAND = 300.0, 3000.0  # ratios that a wrong prefix makes
+SHALLOW = 0.2  # by which a bed may seem deeper than it is filled
 FAR = 3.0  # factor of a size beyond which it is none of the sought thing
 LONGEST = 5.0  # m, of what a film or a log of a jump shows
 
@@ -78,6 +81,7 @@ class Found:
     made: dict[type, Record | None] = field(default_factory=dict)
     motor: tuple[Array, Array] | None = None  # time [s], position [m]
     contact: tuple[Array, Array] | None = None  # time [s], 0 or 1
+    deepest: float = 0.0  # m, of an intrusion
 
     @property
     def rod(self) -> RodMotion | None:
@@ -124,7 +128,14 @@ def suspicious(e: Experiment, found: Found) -> list[Told]:
     _sections(e, found)
     _films(e, found)
     _logs(e, found)
-    said = [*_sizes(e, found), *_clocks(e, found), *_places(e, found), *_names(e), *_doubts(e, found)]
+    said = [
+        *_sizes(e, found),
+        *_depths(e, found),
+        *_clocks(e, found),
+        *_places(e, found),
+        *_names(e),
+        *_doubts(e, found),
+    ]
     told = [*found.told, *(d.told for d in said)]
     return [t for i, t in enumerate(told) if t not in told[:i]]
 
@@ -199,7 +210,8 @@ def _logs(e: Experiment, found: Found) -> None:
     if (touched := e.section(ContactLog)) is not None:
         found.contact = found.ask(lambda: contact_of(touched))
     if (pushed := e.section(IntrusionLog)) is not None:
-        found.ask(lambda: read_log(pushed, "time_s", "depth_m", "force_N"))
+        d = found.ask(lambda: read_log(pushed, "time_s", "depth_m", "force_N"))
+        found.deepest = 0.0 if d is None else float(np.ptp(d.depth_m))
     if (spring := e.section(SpringLog)) is not None:
         found.ask(lambda: read_spring(spring))
 
@@ -210,9 +222,14 @@ def _doubts(e: Experiment, found: Found) -> Iterator[StageWarning]:
     motion = None
     if rod is not None and (log is None or found.motor is not None):
         motion = found.ask(lambda: motion_of(*rod.arrays, robot, law, log))
-    yield from cross_checks(found.name, motion, found.contact, law, found.motor)
-    if motion is not None and rod is not None and robot is not None and law is not None:
-        yield from ringing(found.name, motion, rod.arrays[1], robot, law)
+    hard = e.ground == "hard"
+    yield from cross_checks(found.name, motion, found.contact, law, found.motor, softness(motion, robot, hard=hard))
+    if motion is None or rod is None or robot is None:
+        return
+    yield from falling(motion, robot, found.name)
+    if law is not None:
+        yield from ringing(found.name, motion, rod.arrays[1], robot, law, hard=hard)
+        yield from pushes(found.name, *rod.arrays[:2], robot, law, log if found.motor is not None else None)
 
 
 def _prefix(ratio: float) -> bool:
@@ -274,6 +291,39 @@ def _stroke(position: Array, law: Actuation | None) -> Iterator[StageWarning]:
     elif not full and stroke > LONGEST:
         said = f"[motor_log] position_m moves by {stroke:.3g} m: in mm? then divide by 1000"
         yield StageWarning("unit", said, "motor_log", {"logged_m": stroke})
+
+
+def _depths(e: Experiment, found: Found) -> Iterator[StageWarning]:
+    """Nothing goes deeper into a bed than to its floor."""
+    bed, height = e.section(Bed), cast(BedHeight | None, found.made.get(BedHeight))
+    crater = cast(CraterShape | None, found.made.get(CraterShape))
+    depth = height.values["height_m"] if height is not None else _filled(bed)
+    if not depth:
+        return
+    crater_depth = 0.0 if crater is None else abs(crater.values["depth_m"])
+    name = "crater_depth" if "crater_depth" in e.sections else "crater_image"
+    for section, deep in ((name, crater_depth), ("intrusion_log", found.deepest)):
+        if deep > depth:
+            unit = _prefix(deep / depth) or deep > LONGEST
+            said = (
+                f"[{section}] goes {deep:.3g} m deep, into a bed of {depth:.3g} m: "
+                f"{'in mm?' if unit else 'scale, or [bed] solid_volume, length and width?'}"
+            )
+            yield StageWarning("unit" if unit else "differs", said, section, {"deep_m": deep, "bed_m": depth})
+    given = _filled(bed)
+    if height is not None and given and abs(height.values["height_m"] / given - 1.0) > SHALLOW:
+        said = (
+            f"[bed_image] shows a bed of {height.values['height_m']:.3g} m, [bed] solid_volume, volume_fraction, "
+            f"length and width make {given:.3g} m: scale, floor_row, or one of them?"
+        )
+        yield StageWarning("differs", said, "bed_image", {"seen_m": height.values["height_m"], "filled_m": given})
+
+
+def _filled(bed: Bed | None) -> float:
+    """Height [m] of a bed by its grains and area; 0 where that is not known."""
+    if bed is None or not (bed.solid_volume and bed.volume_fraction and bed.length and bed.width):
+        return 0.0
+    return bed.solid_volume / (bed.volume_fraction * bed.length * bed.width)
 
 
 def _clocks(e: Experiment, found: Found) -> Iterator[StageWarning]:
