@@ -376,6 +376,7 @@ def diagnose(
         return _foreign(path, simulator, limit, budget, options)
     done = work(path, options, stages=DIAGNOSED, ask=True)
     assert done.diagnosis is not None  # a campaign that cannot be questioned raises
+    terminal.warned(done.outcomes)
     terminal.diagnosis(done.diagnosis, done.campaign, done.files, as_json=options.json)
     return FAILED if done.failed else DONE
 
