@@ -115,7 +115,11 @@ def questioned(folder: Folder, results: PathLike | None, workers: int | None) ->
     from jumpvision.experiment.campaign.folder import DIAGNOSED
 
     plan = partial(Plan, stages=DIAGNOSED, whole=False)
-    found = _run(folder, plan, results, workers or 1, pictures=False, ask=True).diagnosis
+    done = _run(folder, plan, results, workers or 1, pictures=False, ask=True)
+    for o in done.outcomes:
+        for text in o.said:
+            warnings.warn(f"{o.name}: {text}", stacklevel=3)
+    found = done.diagnosis
     assert found is not None  # a campaign that cannot be questioned raises
     return found
 

@@ -60,6 +60,7 @@ from jumpvision.experiment.stages.recordings import (
 from jumpvision.experiment.stages.rod import rod
 from jumpvision.experiment.stages.summary import summary
 from jumpvision.experiment.stages.track import ball_motion, through, with_rest_zero
+from jumpvision.experiment.workflow.stage import Said
 from jumpvision.films.calibration import CLICKED_MARK
 from jumpvision.films.parameters import BedParams
 from jumpvision.films.vision.camera import camera
@@ -603,7 +604,7 @@ def test_summary_and_table_show_the_common_part(tmp_path):
     found = heights(film, clock=Clock(offset_sigma=1e-3))
     fits = Fits(found)
     phi = BedHeight({"volume_fraction": 0.57, "sigma_volume_fraction": 3e-3, "sigma_common_volume_fraction": 2e-3})
-    d = summary(open_experiment(tmp_path), LAW, fits, None, phi, None).values
+    d = summary(open_experiment(tmp_path), LAW, fits, None, phi, None, Said()).values
     assert d["sigma_common_m"] == found["jump_height_m"].sigma_common > 0.0
     assert d["motor_rise_m_sigma_common"] == found["motor_rise_m"].sigma_common
     assert d["sigma_common_volume_fraction"] == pytest.approx(2e-3, rel=1e-12)

@@ -6,6 +6,7 @@ contact log of the same instants, and each with one slip of the hand.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import pickle
@@ -18,10 +19,13 @@ from conftest import SAMPLES
 
 from jumpvision.base.schema import InputError, StageWarning
 from jumpvision.cli import main
+from jumpvision.experiment.campaign.jumps import _jump
 from jumpvision.experiment.inputs.experiment import open_experiment, open_folder
 from jumpvision.experiment.inputs.sections import Actuation
 from jumpvision.experiment.stages.crosschecks import Motion, cross_checks, driven, repeated
 from jumpvision.experiment.stages.preflight import preflight
+from jumpvision.experiment.workflow.run import Outcome
+from jumpvision.experiment.workflow.workspace import Step
 from jumpvision.laboratory.campaign import write_campaign
 
 G, CONTACT = 9.81, 0.06  # m/s^2, s of a stance between two hops
@@ -265,3 +269,15 @@ def test_a_crater_deeper_than_its_bed_is_told(tmp_path):
         rows = pd.DataFrame({"time_s": np.arange(200) / 50, "depth_m": z, "force_N": 100.0 * z})
         rows.to_csv(tmp_path / "intrusion.csv", index=False)
         assert told_of(tmp_path) == kinds  # a bed of 67 mm
+
+
+def test_a_log_that_drives_the_model_in_place_of_its_law_is_said_by_a_diagnosis(world):
+    """No stage `simulate` is run before a diagnosis, which says what it would have said."""
+    e = open_experiment(world)
+    law = e.section(Actuation)
+    other = dataclasses.replace(e, sections={**e.sections, "actuation": dataclasses.replace(law, amplitude=0.003)})
+    results = world.parent.parent / "r"
+    assert main(["rod", str(world), "--results", str(results), "--no-pictures"]) == 0
+    rod = Step("rod", "computed", 0.0, [], "", {}, {"rod.csv": ""})
+    told = _jump(other, Outcome(e.name, results, [rod]))[1]
+    assert any("leaves the commanded law by up to" in t["message"] and t["kind"] == "differs" for t in told)

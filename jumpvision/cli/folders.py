@@ -406,6 +406,7 @@ def diagnose(
     if accept and done.diagnosis and _accepted(done.diagnosis, done.campaign):
         done = work(path, options, stages=DIAGNOSED, ask=True)
     assert done.diagnosis is not None  # a campaign that cannot be questioned raises
+    terminal.warned(done.outcomes)
     terminal.diagnosis(done.diagnosis, done.campaign, done.files, as_json=options.json)
     return FAILED if done.failed else DONE
 

@@ -265,9 +265,7 @@ def outcome(done: Run, *, as_json: bool) -> None:
         print(json.dumps(plain(data), indent=1))
     elif not done.told:
         tables(campaign, outcomes, diagnosis)
-    for o in outcomes:
-        for text in o.said:
-            line(f"warning: {o.name}: {text}")
+    warned(outcomes)
     older = {o.name: o.older for o in outcomes if o.older}
     if older:
         of = "; ".join(dict.fromkeys(text for texts in older.values() for text in texts))
@@ -293,6 +291,13 @@ def outcome(done: Run, *, as_json: bool) -> None:
     )
     line(f"{len(outcomes) - failed} of {len(outcomes)} experiments done; {what}")
     line(f"results in {done.plan.results}" + "".join(f"; open {m}" for m in done.files))
+
+
+def warned(outcomes: list[Outcome]) -> None:
+    """What is said of the experiments."""
+    for o in outcomes:
+        for text in o.said:
+            line(f"warning: {o.name}: {text}")
 
 
 def tables(campaign: Campaign, outcomes: list[Outcome], diagnosis: Diagnosis | None) -> None:

@@ -266,7 +266,7 @@ def _read(kind: Any, value: Any) -> Any:
 
 def chance(p: float) -> str:
     """A probability to three digits; what would round to none is said to be small."""
-    return "< 0.001" if p < 5e-4 else f"{p:.3f}"
+    return "< 0.001" if p < 5e-4 else said(p, ".3f")
 
 
 def hidden_up_to(d: Detectable) -> str:

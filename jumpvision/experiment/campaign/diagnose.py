@@ -153,9 +153,11 @@ def asked_of(campaign: Campaign, outcomes: Mapping[str, Outcome], say: Say) -> Q
                 "([rod_video] or [rod_track]) and, on granular ground, a [model]: nothing to diagnose"
             ]
         )
-    jumps, left_out = load_jumps(experiments, outcomes)
+    jumps, left_out, warned = load_jumps(experiments, outcomes)
     for why in left_out:
         say(f"left out: {why}")
+    for text in warned:
+        say(f"warning: {text}")
     robot = experiments[0].sections["robot"]
     priors = {n: s for n, s in asdict(robot.sigma).items() if s}
     ranges: dict[str, tuple[float, float]] = {}

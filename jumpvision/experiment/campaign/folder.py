@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from .diagnose import Begun, Draw
 
-DIAGNOSED = ("rod", "bed", "flow", "fit")  # stages whose results a diagnosis reads
+DIAGNOSED = ("rod", "bed", "flow", "fit", "doubts")  # stages whose results a diagnosis reads, or whose doubts it says
 
 
 class Watcher(Protocol):

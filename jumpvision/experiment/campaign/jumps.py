@@ -10,13 +10,13 @@ from dataclasses import replace
 import numpy as np
 
 from jumpvision.base.arrays import Array
-from jumpvision.base.schema import InputError, read
+from jumpvision.base.schema import InputError, Told, read, told_in
 from jumpvision.engine.priors import Measured
 from jumpvision.experiment.inputs.experiment import Campaign, Experiment
 from jumpvision.experiment.inputs.model import ModelSpec
 from jumpvision.experiment.inputs.parameters import SimulateParams
 from jumpvision.experiment.inputs.sections import Actuation, Bed, Motor, MotorLog, Robot, RodTrack, RodVideo
-from jumpvision.experiment.results.tables import RodMotion
+from jumpvision.experiment.results.tables import RodMotion, Simulation
 from jumpvision.experiment.results.values import BedHeight, Fits
 from jumpvision.experiment.stages.bed.height import packing
 from jumpvision.experiment.stages.recordings import shared_of
@@ -61,13 +61,16 @@ def _usable(e: Experiment) -> bool:
     return moved and tracked and e.section(Robot) is not None and (e.ground == "hard" or "model" in e.sections)
 
 
-def load_jumps(experiments: list[Experiment], outcomes: Mapping[str, Outcome]) -> tuple[list[Jump], list[str]]:
-    """(jumps, what was left out and why), from the rod.csv of each experiment's results.
+def load_jumps(
+    experiments: list[Experiment], outcomes: Mapping[str, Outcome]
+) -> tuple[list[Jump], list[str], list[str]]:
+    """(jumps, what was left out and why, warnings no stage has said), from the rod.csv of each experiment's results.
 
     The experiments' models on one ground have the same terms; their parameters may differ, by [model.laws] of the
     packing too. Raises InputError where terms or what may be fitted differ, or when too few jumps are left.
     """
     left_out: list[str] = []
+    warned: list[str] = []
     jumps: list[Jump] = []
     first: dict[str, Experiment] = {}
     sand = any(e.ground == "granular" for e in experiments)
@@ -92,7 +95,9 @@ def load_jumps(experiments: list[Experiment], outcomes: Mapping[str, Outcome]) -
         if not outcome.made(RodMotion):
             left_out.append(f"{e.name}: {outcome.errors[0] if outcome.errors else 'no track'}")
             continue
-        jumps.append(replace(_jump(e, outcome), circumstances=known[e.name]))
+        jump, told = _jump(e, outcome)
+        jumps.append(replace(jump, circumstances=known[e.name]))
+        warned += [f"{e.name}: {t['message']}" for t in told if not outcome.made(Simulation)]
     conditions = {j.condition for j in jumps}
     if len(jumps) < FEWEST or len(conditions) < CONDITIONS:
         raise InputError(
@@ -101,7 +106,7 @@ def load_jumps(experiments: list[Experiment], outcomes: Mapping[str, Outcome]) -
                 "needed" + "".join(f"; left out: {why}" for why in left_out)
             ]
         )
-    return _conditioned(jumps), left_out
+    return _conditioned(jumps), left_out, warned
 
 
 def spec_of(e: Experiment) -> ModelSpec:
@@ -114,12 +119,13 @@ def spec_of(e: Experiment) -> ModelSpec:
     raise InputError([f"{e.path / 'experiment.toml'}: [model]: missing; on granular ground its parameters are needed"])
 
 
-def _jump(e: Experiment, outcome: Outcome) -> Jump:
+def _jump(e: Experiment, outcome: Outcome) -> tuple[Jump, list[Told]]:
+    """The jump, and what the stage `simulate` would say of its model and its motor."""
     law, log, section = _law(e), e.section(MotorLog), e.section(Bed)
     bed = BedHeight.load(outcome.results) if outcome.made(BedHeight) else None
     p, _ = read(SimulateParams, e.params.get("simulate", {}), "")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StageWarning)  # said by the stage `simulate`
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", StageWarning)
         model = build_model(e, e.required(Robot), spec_of(e), section, bed)
         forcing, stop = driver(
             log, e.section(Actuation), e.section(Motor), p or SimulateParams(), sand=e.ground == "granular"
@@ -139,7 +145,7 @@ def _jump(e: Experiment, outcome: Outcome) -> Jump:
         else (law.kind, law.frequency, law.amplitude, law.start_phase, law.cycles, law.delay)
     )
     condition = " ".join(str(x) for x in (*known, labels["volume_fraction"]))
-    return Jump(
+    jump = Jump(
         e.name,
         model,
         forcing,
@@ -153,6 +159,7 @@ def _jump(e: Experiment, outcome: Outcome) -> Jump:
         sigma=sigma if states_noise(e) else None,
         shared=common_errors(e, rod),
     )
+    return jump, told_in(caught)
 
 
 def _conditioned(jumps: list[Jump]) -> list[Jump]:

@@ -37,4 +37,4 @@ class Held(NamedTuple):
 
 def tell(message: str) -> None:
     """What to know about a file that is read all the same."""
-    warnings.warn(message, StageWarning, stacklevel=3)
+    warnings.warn(StageWarning("missing", message), stacklevel=3)

@@ -214,7 +214,7 @@ def view_of(calibration: Calibration | None, section: Filmed, shape: tuple[int, 
     """The camera; the distortion centre defaults to the image centre, the rail's tilt is that of the rod film alone."""
     view = bare_view(calibration, section, ((shape[1] - 1) / 2, (shape[0] - 1) / 2))
     if calibration and (doubt := calibration.centred(section.name, shape)):
-        warnings.warn(doubt, StageWarning, stacklevel=3)
+        warnings.warn(StageWarning("place", doubt, section.name), stacklevel=3)
     if view.residual_px > 2.0:  # px rms: beyond, a wrong mark is more likely than a careless click
         said = f"[calibration] marks miss their places in [{section.name}] by {view.residual_px:.1f} px rms: check them"
         warnings.warn(StageWarning("place", said, "calibration", {"rms_px": view.residual_px}), stacklevel=3)

@@ -138,7 +138,8 @@ def read_map(section: CraterDepth) -> Array:
     dark = np.all(maps[0] == 0, axis=1)
     if dark[-1] and not dark.all():
         said = f"{path}: rows {dark.size - int(dark[::-1].argmin())} to {dark.size - 1} are exactly 0"
-        warnings.warn(f"{said}: not measured, or a copy that was cut off? make them NaN", StageWarning, stacklevel=3)
+        said += ": not measured, or a copy that was cut off? make them NaN"
+        warnings.warn(StageWarning("missing", said, "crater_image"), stacklevel=3)
     return measured_only(maps[0])
 
 
