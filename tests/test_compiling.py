@@ -94,7 +94,17 @@ def test_a_version_does_not_meet_what_another_compiled(tmp_path, monkeypatch):
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     inner = tmp_path / "films" / "__pycache__"
     inner.mkdir(parents=True)
-    for version, kept in (("1.0", True), ("1.0", True), ("1.1", False)):
+    one = tmp_path / "__init__.py"
+    one.write_text("")
+    installed = 1_700_000_000
+    for version, later, kept in (
+        ("1.0", 0, True),
+        ("1.0", 0, True),
+        ("1.1", 0, False),
+        ("1.1", 0, True),
+        ("1.1", 9, False),
+    ):
+        os.utime(one, (installed + later, installed + later))
         for name in ("kernel.nbi", "kernel.1.nbc", "kernel.pyc"):
             (inner / name).write_bytes(b"")
         compiling.compiled_code_goes(tmp_path, version)

@@ -21,31 +21,33 @@ def compiled_code_goes(package: Path, version: str) -> None:
     """Compiled functions are kept beside the package, or else under the home folder; where neither can be written (a
     package for all users, a container without a home) in a folder of the user's own among the temporary files.
 
-    Nowhere does a version meet what another compiled: numba knows a function by the text of its own file, and what it
-    imports, a record with other fields or another number, may have changed.
+    Nowhere does an installation meet what another one compiled: numba knows a function by the text of its own file, and
+    what it imports, a record with other fields or another number, may have changed.
     """
     if "NUMBA_CACHE_DIR" in os.environ:
         return
+    one = package / "__init__.py"
+    mark = f"{version}-{one.stat().st_mtime_ns:x}" if one.exists() else version  # of one version there may be many
     if _writable(package):
-        _clear_of_others(package, version)
+        _clear_of_others(package, mark)
         return
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path(os.path.expanduser("~")) / ".cache")
     there = next((p for p in (home, *home.parents) if p.is_dir()), home)
     own = home / "jumpvision" if _writable(there) else _among_the_temporary()
-    os.environ["NUMBA_CACHE_DIR"] = str(own / f"compiled-{version}")
+    os.environ["NUMBA_CACHE_DIR"] = str(own / f"compiled-{mark}")
 
 
-def _clear_of_others(package: Path, version: str) -> None:
-    """Removes what another version has compiled beside the package."""
+def _clear_of_others(package: Path, mark: str) -> None:
+    """Removes what another installation has compiled beside the package."""
     note = package / "__pycache__" / "compiled-for"
     try:
         before = note.read_text() if note.exists() else ""
-        if before == version:
+        if before == mark:
             return
         for old in package.rglob("__pycache__/*.nb[ic]") if before else ():
             old.unlink(missing_ok=True)
         note.parent.mkdir(exist_ok=True)
-        note.write_text(version)
+        note.write_text(mark)
     except OSError:  # another process is at it, or a disk is full
         return
 

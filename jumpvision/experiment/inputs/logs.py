@@ -250,8 +250,10 @@ def _refuse_swallowed(path: Path, raw: pd.DataFrame, first: int = 0) -> None:
 
 def _doubt_end(path: Path, raw: pd.DataFrame) -> None:
     """A word where the last row may be cut within its number: no newline ends it, and all others are longer."""
-    if path.read_bytes()[-1:] in b"\r\n" or len(raw) < 4:
-        return
+    with path.open("rb") as file:
+        file.seek(-1, 2)
+        if file.read() in b"\r\n" or len(raw) < 4:
+            return
     cells = raw.iloc[1:, -1].str.strip().str.len()
     if cells.iloc[-1] < cells.iloc[:-1].min():
         tell(
