@@ -7,8 +7,8 @@ families beyond: Student's t of 4 degrees of freedom and a camera that sways (a 
 has no model of, and white noise that wanders (a random walk that ends 2 sigma away). Balls in closed form, with
 impacts shorter than a sample or a contact of 1 to 3 ms; jumps that begin and end abruptly; jumpers of motor, rod,
 spring and foot on hard ground, and on ground that yields and does not push back, by Runge-Kutta steps of 20 us with
-the change of contact located by halving. A jump or bounce must be found where it is higher than 20 sigma and lasts 8
-samples, and what is found must be one.
+the change of contact located by halving, their spring told to a tenth. A jump or bounce must be found where it is
+higher than 20 sigma and lasts 8 samples, and what is found must be one.
 """
 
 from __future__ import annotations
@@ -244,7 +244,7 @@ def jumper(rng: Rng, *, sand: bool = False, foot: bool = False, motor: bool = Fa
     grid = np.arange(n) * STEP
     lasting = np.diff(edges, axis=1)[:, 0]
     heights = g * np.where(np.isfinite(lasting), lasting, 0.0) ** 2 / 8.0
-    told = {"stiffness": w0} | ({"lag": c / k} if not sand else {})
+    told = {"stiffness": w0 * math.exp(0.1 * rng.normal())} | ({"lag": c / k} if not sand else {})
     if mf:
         swing = mf / (m + mf) * 3.0 * m * g / k
         told |= {

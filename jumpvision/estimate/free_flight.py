@@ -28,14 +28,15 @@ def flights(
 
     table: with time_s [s] and height_m (or y_m, z_m) [m], up, as `jv.track` gives with a scale, and sigma_m where it is
     known; or times (n,) [s], then height_m (n,) [m], sigma_m: (n,) or one number, its standard uncertainty. Without it
-    the noise is what the record shows, correlated or not. NaN samples are left out; a gap longer than max_gap [s]
+    the noise is what the record shows, with its drift. NaN samples are left out; a gap longer than max_gap [s]
     (default 3.5 sample intervals) ends a flight. gravity [m/s^2] along the height. Flights shorter than `shortest` [s]
     are left out.
 
     Columns: lift_off_s, landing_s with lift_off_sigma_s, landing_sigma_s, NaN outside the record; time_s, time_sigma_s
     (with the correlation of the two); height_m = gravity time_s^2 / 8, height_sigma_m; curvature_m_s2, fitted freely,
-    curvature_sigma_m_s2; begins, ends: "rest", "impact" (shorter than a sample, between two flights), "support" (a
-    smooth motion met at an angle), "spring", "release", "contact" (none of these: good to a sample), "outside".
+    curvature_sigma_m_s2; begins, ends: "rest", "impact" (between two flights; its time is fitted with the ground of a
+    row of bounces), "support" (a smooth motion met at an angle), "spring", "release", "contact" (none of these: good to
+    a sample), "outside".
     `.attrs` holds restitution, (e, sigma) of successive bounces, NaN below two complete ones, and doubts, which say
     what the record contradicts, e.g. a free flight at 11.8 m/s^2 where the scale is wrong, as a Python warning does.
     Raises ValueError for arrays of different lengths, times that do not increase, a sigma that is not above 0.

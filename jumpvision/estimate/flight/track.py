@@ -55,13 +55,15 @@ def track_flights(
     amplitude by which a hanging foot shakes the rod in flight, about m_f/(M + m_f) of the foot's own; it widens sigma
     where the record is cut (0: no foot); ring: its frequency, fitted along. lag [s]: c/k of a damper beside the
     spring; stiffness [rad/s]: its sqrt(k/M), roughly, 0: free. offset (n,) [m]: (m_m/M) X_m of a motor that moves in a
-    contact; h is then of the centre of mass of motor and rod (the rod alone follows no parabola).
+    contact; h is then of the centre of mass of motor and rod (the rod alone follows no parabola). Drift is not
+    looked for beside a foot, whose ring looks like one.
 
-    Segments are chosen by evidence (`segments`), the noise and its correlation learned from them (`noise`). A flight
-    has a parabola of curvature -gravity. It ends where that meets a rest or the next flight (an impact shorter than a
-    sample), or where the body is on a spring of free stiffness, whichever the evidence prefers (`edges`). A damper that
-    is not told makes both edges early by c/k (0.24 ms for the robot of Table 3) and leaves the flight time. Where
-    nothing explains a contact the sigma is a sample interval. Raises ValueError for arrays that cannot be used.
+    Segments are chosen by evidence (`segments`), the noise, its correlation and drift learned from them (`noise`). A
+    flight has a parabola of curvature -gravity. It ends where that meets a rest, the next flight or the ground of a row
+    of bounces (`ground`), or where the body is on a spring, whichever the evidence prefers (`edges`); on one that is
+    told and slow it meets no corner. A damper that is not told, nor known by the ring, makes both edges early by c/k
+    (0.24 ms for the robot of Table 3) and leaves the flight time. Where nothing explains a contact the sigma is a
+    sample interval. Raises ValueError for arrays that cannot be used.
     """
     stated = sigma is not None
     t, h, sigma = checked("track_flights", t=t, h=h, sigma=np.ones(np.size(t)) if sigma is None else sigma)

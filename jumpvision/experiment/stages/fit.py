@@ -70,7 +70,7 @@ class Recordings(Inputs):
     clock: Clock | None
 
 
-@stage(version=15, any_of=("rod", "contact", "column", "flow", "intrusion", "spring", "log"))
+@stage(version=16, any_of=("rod", "contact", "column", "flow", "intrusion", "spring", "log"))
 def fit(experiment: Experiment, given: Recordings, *, p: FitParams) -> Fits:
     """Ring-down, flights, spring, column profile, jammed front, actuator: every fit with its uncertainty.
 
