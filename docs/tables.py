@@ -76,8 +76,9 @@ def text() -> str:
         '`temperature_C = 22.5`, `operator = "B"`. In campaign.toml for all; an experiment\'s own win. With the '
         "frequency, amplitude and delay of `[actuation]`, the packing, `session` and the order they are what a number "
         "may go with that differs between recordings (diagnosis.md). Where neither `order` nor `recorded` is given, "
-        "the order is the whole number that every folder's name begins or ends with (`jump-15`), each another; else "
-        "that of the files' dates, unless all lie within an hour, as copies do. What was used is said.",
+        "the order is that of the stamps in the films' own headers; else the whole number that every folder's name "
+        "begins or ends with (`jump-15`), each another; else that of the files' dates, unless all lie within an hour, "
+        "as copies do. What was used is said.",
         "### [model]\n\n`terms` lists mechanisms; their parameters stand beside it. `[model.fit]` holds ranges "
         "`[low, high]` of parameters that may be re-fitted, `[model.sigma]` standard uncertainties of given ones, "
         "`[model.laws]` laws of the bed against its volume fraction (granular.md).",

@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 from test_experiment import make, problems_of
+from test_frames_raw import grey_film, write_cine, write_mraw, write_seq
 
 from jumpvision.base.schema import InputError
 from jumpvision.engine.study.study import Recording
@@ -16,6 +17,7 @@ from jumpvision.experiment.campaign.circumstances import circumstances
 from jumpvision.experiment.inputs.experiment import open_campaign, open_experiment
 from jumpvision.experiment.inputs.labels import Labels
 from jumpvision.experiment.inputs.overrides import overrides_of
+from jumpvision.films.frames.recorded import recorded_at
 
 LAW = "[actuation]\nkind = 'sine'\nfrequency = 7.0\namplitude = 0.01\n[bed]\nvolume_fraction = 0.6\n"
 
@@ -173,3 +175,52 @@ def test_a_table_names_the_columns_of_order_and_time():
     table = pd.DataFrame({"recording": ["a"] * 4 + ["b"] * 4, "time_s": t * 2, "y": 0.0, "run": [2] * 4 + [1] * 4})
     made = Recording.of_table(table, ["y"], order="run", session="recording")
     assert [(r.order, r.session) for r in made] == [(2, "a"), (1, "b")]
+
+
+def seq(folder, at):
+    """A NorPix film of one frame, stamped at a time [s]."""
+    folder.mkdir(parents=True, exist_ok=True)
+    return write_seq(folder / "rod.seq", grey_film(1, 8), [round(1e6 * at)])
+
+
+def test_films_say_when_they_were_recorded(tmp_path):
+    at = datetime(2024, 1, 2, 15, 59, tzinfo=UTC).timestamp()
+    assert recorded_at(seq(tmp_path, 1_435_776_075.25)) == pytest.approx(1_435_776_075.25)
+    cine = write_cine(tmp_path / "a.cine", grey_film(2, 8), bits=8)
+    assert recorded_at(cine) == 2.0**30
+    header = write_mraw(tmp_path, grey_film(2, 8), 8, header=".cih")
+    assert recorded_at(header) is None  # a date without a time
+    header.write_bytes(header.read_bytes().replace(b"Date : 2024/1/2", b"Date : 2024/1/2\r\nTime : 15:59"))
+    assert recorded_at(header) == recorded_at(tmp_path / "film.mraw") == at
+
+
+def test_a_container_may_say_when_it_was_made(tmp_path):
+    import av
+
+    for name, more in (("a.mp4", {"creation_time": "2024-01-02T15:59:00Z"}), ("b.mp4", {})):
+        with av.open(str(tmp_path / name), "w") as out:
+            out.metadata.update(more)
+            stream = out.add_stream("mpeg4", rate=30)
+            stream.width, stream.height = 32, 32
+            out.mux(stream.encode(av.VideoFrame.from_ndarray(np.zeros((32, 32, 3), np.uint8))))
+            out.mux(stream.encode(None))
+    assert recorded_at(tmp_path / "a.mp4") == datetime(2024, 1, 2, 15, 59, tzinfo=UTC).timestamp()
+    assert recorded_at(tmp_path / "b.mp4") is None
+
+
+@pytest.mark.parametrize("name", ["a.cine", "a.seq", "a.cih", "a.mp4", "a.avi", "missing.seq"])
+def test_what_is_damaged_or_unset_says_nothing(tmp_path, name):
+    if name != "missing.seq":
+        (tmp_path / name).write_bytes(b"\0" * 9000)
+    assert recorded_at(tmp_path / name) is None
+
+
+def test_the_films_stamps_come_before_the_numbers_in_the_names(tmp_path):
+    for name, at in (("jump-1", 1.5e9 + 60.0), ("jump-2", 1.5e9)):
+        seq(tmp_path / name, at)
+        make(tmp_path / name, "[rod_video]\nfile = 'rod.seq'\n")
+    assert orders(tmp_path) == ([2.0, 1.0], {"the films' own stamps"})
+    assert [c.time for c in of(tmp_path).values()] == [1.5e9 + 60.0, 1.5e9]
+    make(tmp_path / "jump-3", "[rod_video]\nfile = 'rod.avi'\n", **{"rod.avi": "x"})  # without a stamp of its own
+    found = of(tmp_path).values()
+    assert [c.order for c in found] == [1.0, 2.0, 3.0] and {c.time for c in found} == {None}

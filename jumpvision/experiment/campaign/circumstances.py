@@ -14,7 +14,8 @@ from jumpvision.engine.series import places, seconds
 from jumpvision.engine.system import Circumstances
 from jumpvision.experiment.inputs.experiment import EXPERIMENT, Experiment
 from jumpvision.experiment.inputs.labels import Label, Labels
-from jumpvision.experiment.inputs.sections import Actuation, Bed
+from jumpvision.experiment.inputs.sections import Actuation, Bed, RodVideo
+from jumpvision.films.frames.recorded import recorded_at
 
 NUMBER = re.compile(r"^(\d{1,9})(?=[-_ ]|$)|(?:^|[-_ a-zA-Z])(\d{1,9})$")  # in front of a name, or at its end
 COPIED = 3600.0  # s: files that were all changed within it are likely a copy
@@ -24,7 +25,10 @@ RECORDINGS = ("rod_video", "rod_track", "motor_log")
 def circumstances(experiments: Sequence[Experiment]) -> dict[str, Circumstances]:
     """Of each experiment, by its name. Their `source` says what the order was taken from."""
     time = {e.name: seconds(e.header.recorded) for e in experiments if e.header.recorded is not None}
-    order, source = _order(experiments, time)
+    order, source = _given(experiments, time)
+    if not order and _tell_apart(stamps := _stamps(experiments), experiments):
+        time, order, source = stamps, places(stamps), "the films' own stamps"
+    order, source = (order, source) if order else _read_off(experiments)
     return {
         e.name: Circumstances(
             order.get(e.name), time.get(e.name), e.header.session or None, _labels(e), source if e.name in order else ""
@@ -33,12 +37,21 @@ def circumstances(experiments: Sequence[Experiment]) -> dict[str, Circumstances]
     }
 
 
-def _order(experiments: Sequence[Experiment], time: Mapping[str, float]) -> tuple[Mapping[str, float], str]:
-    """(place of each experiment in the series, from where it is known)."""
+def _stamps(experiments: Sequence[Experiment]) -> dict[str, float]:
+    """When the films of the rod were recorded [s], of those that say it."""
+    films = {e.name: v.path for e in experiments if (v := e.section(RodVideo))}
+    return {n: at for n, path in films.items() if (at := recorded_at(path)) is not None}
+
+
+def _given(experiments: Sequence[Experiment], time: Mapping[str, float]) -> tuple[Mapping[str, float], str]:
+    """(place of each experiment in the series, from where it is known), as the user gives it."""
     if given := {e.name: e.header.order for e in experiments if e.header.order is not None}:
         return given, f"`order` in {EXPERIMENT}"
-    if time:
-        return places(time), f"`recorded` in {EXPERIMENT}"
+    return (places(time), f"`recorded` in {EXPERIMENT}") if time else ({}, "")
+
+
+def _read_off(experiments: Sequence[Experiment]) -> tuple[Mapping[str, float], str]:
+    """The same by names and dates."""
     numbers = {e.name: float(n) for e in experiments if (n := _number(e.path.resolve().name)) is not None}
     if _tell_apart(numbers, experiments):
         return numbers, "the number in the folder's name"

@@ -29,6 +29,8 @@ FIELDS = {
     "side": ("EffectiveBit Side", "imageDataInfo/effectiveBit/side"),
     "format": ("File Format", "imageFileInfo/fileFormat"),
     "camera": ("Camera Type", "deviceInfo/deviceName"),
+    "date": ("Date", "fileInfo/date"),
+    "time": ("Time", "fileInfo/time"),
 }
 
 
