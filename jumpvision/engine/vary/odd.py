@@ -176,7 +176,8 @@ class _Told:
     def log_evidence(self) -> float:
         size, spread = self.found.values / self.widths, self.widths
         volume = 0.5 * float(np.linalg.slogdet(self.found.covariance)[1]) - float(np.sum(np.log(spread)))
-        return -0.5 * self.found.chi2 - 0.5 * float(size @ size) + volume
+        price = sum(v.log_price for v in self.variables)
+        return -0.5 * self.found.chi2 - 0.5 * float(size @ size) + volume - price
 
 
 def _best(tried: Sequence[_Told], alone: _Alone, count: int) -> Weighed | None:
@@ -190,10 +191,10 @@ def _best(tried: Sequence[_Told], alone: _Alone, count: int) -> Weighed | None:
     design = np.zeros((len(alone.problem.all), len(best.variables)))
     design[alone.i] = 1.0
     price = math.log(len(alone.problem.all)) + len(best.variables) * math.log(count * len(WIDTHS))
-    pattern = Pattern(best.variables, Kind.ODD, None, design, (alone.i,), log_price=price, widths=best.widths)
-    return Weighed(
-        pattern, best.found.values, best.found.covariance, best.found.chi2, best.log_evidence - price, alone.fit.named
-    )
+    whole = price + sum(v.log_price for v in best.variables)
+    pattern = Pattern(best.variables, Kind.ODD, None, design, (alone.i,), log_price=whole, widths=best.widths)
+    found, log = best.found, best.log_evidence - price
+    return Weighed(pattern, found.values, found.covariance, found.chi2, log, alone.fit.named)
 
 
 class _Alone:

@@ -190,7 +190,7 @@ def patterns(found: Apart, observations: Sequence[Observation]) -> Iterator[Patt
         # a common value of its own is one of the shared parameters already, where the number is one
         every = [p for p in family if not (found.free and p.about_own)]
         for p in every:
-            yield _priced(p, math.log(len(every)))
+            yield _priced(p, math.log(len(every)) + found.variable.log_price)
 
 
 def _pattern(v: Variable, kind: Kind, of: str | None, design: Array, *more: Any, **named: Any) -> Pattern:

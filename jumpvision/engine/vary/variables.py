@@ -12,6 +12,8 @@ import numpy as np
 from jumpvision.base.arrays import Array
 from jumpvision.engine.system import Observation, System
 
+RARE = 10.0  # times less likely to differ between recordings: what nobody touches between them
+
 
 @dataclass(frozen=True)
 class Variable:
@@ -20,7 +22,7 @@ class Variable:
     declared: its value; unit. relative: a change is a share of the declared value, else it is in the unit.
     spread: how far a recording may plausibly be off, a standard deviation [as a change]. step: a change small enough
     for derivatives. least: changes below are impossible. whole: changes are whole numbers (frames). drive: it is of
-    what drives the motion, which may be far off.
+    what drives the motion, which may be far off. rare: a constant of the build, such as a mass.
     """
 
     name: str
@@ -32,6 +34,12 @@ class Variable:
     least: float = -math.inf
     whole: bool = False
     drive: bool = False
+    rare: bool = False
+
+    @property
+    def log_price(self) -> float:
+        """Of a number that hardly ever differs between recordings: ln of how many times less likely it is."""
+        return math.log(RARE) if self.rare else 0.0
 
     def value(self, change: float) -> float:
         """The number itself, of a change."""

@@ -21,6 +21,7 @@ BED = "bed"  # stiffness of the sand, by one factor
 AMPLITUDE, FREQUENCY = "amplitude", "frequency"  # of the drive
 DRIVE = (AMPLITUDE, FREQUENCY)
 MACHINE = ("spring_stiffness", "spring_damping", "motor_mass", "foot_mass", "gravity")
+BUILT = ("motor_mass", "foot_mass", "gravity")
 STIFF = tuple(p.name for p in PARAMETERS.values() if p.stiffness)
 SPREAD, STEP, LEAST = 0.1, 1e-3, -0.9995  # shares of a value: plausible difference, step of derivatives, greatest loss
 
@@ -28,13 +29,13 @@ SPREAD, STEP, LEAST = 0.1, 1e-3, -0.9995  # shares of a value: plausible differe
 def variables_of(jumps: Sequence[Jump]) -> dict[str, Variable]:
     """Numbers that jumps may differ in, as shares of what is declared."""
     first = next((j.model for j in jumps if j.model.ground == "granular"), jumps[0].model)
-    out = {n: _share(n, getattr(first, n), _unit(first, n)) for n in MACHINE if getattr(first, n)}
+    out = {n: _share(n, getattr(first, n), _unit(first, n), n in BUILT) for n in MACHINE if getattr(first, n)}
     if any(getattr(first.parameters, n, None) for n in STIFF if _used(first, n)):
         out[BED] = _share(BED, 1.0, "1")
     for n in dict.fromkeys(n for t in first.terms for n in first.mechanism(t).names):
         value = getattr(first.parameters, n, None)
         if value and n not in STIFF and n not in out:
-            out[n] = _share(n, float(value), PARAMETERS[n].unit if n in PARAMETERS else "1")
+            out[n] = _share(n, float(value), PARAMETERS[n].unit if n in PARAMETERS else "1", rare=True)
     if not any(isinstance(j.forcing, Loop) for j in jumps):
         out |= {n: replace(_share(n, 1.0, "1"), drive=True) for n in DRIVE}
     return out
@@ -44,8 +45,8 @@ def _used(model: Model, name: str) -> bool:
     return any(name in model.mechanism(t).names for t in model.terms)
 
 
-def _share(name: str, value: float, unit: str) -> Variable:
-    return Variable(name, float(value), unit, SPREAD, STEP, least=LEAST)
+def _share(name: str, value: float, unit: str, rare: bool = False) -> Variable:
+    return Variable(name, float(value), unit, SPREAD, STEP, least=LEAST, rare=rare)
 
 
 def _unit(model: Model, name: str) -> str:
