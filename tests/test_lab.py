@@ -174,6 +174,7 @@ def test_a_changed_robot_is_the_mechanism(mechanism, parameters, robot):
     assert np.abs(a.rod - sand(6.0, 0.5).rod).max() > 1e-4
 
 
+LATE = ("motor_lag", "loop_bandwidth")
 OTHERS = {
     "reintrusion_overshoot": {"s": 3000.0, "lam": 0.005},
     "stop_go_overshoot": {"s_p": 1000.0, "lam": 0.005},
@@ -183,6 +184,10 @@ OTHERS = {
     "spring_hardening": {"k_3": 3e6},
     "landing_loss": {"e": 0.3},
     "motor_lag": {"tau": 0.003},
+    "loop_bandwidth": {"t_n": 0.003, "zeta": 0.6},
+    "speed_limit": {"top_speed": 0.5},
+    "stroke_limit": {"reach": 0.02},
+    "drive_play": {"play": 1e-3, "flank": 0.0},
 }
 
 
@@ -194,10 +199,14 @@ def test_every_mechanism_moves_the_rod_and_vanishes_with_its_parameter(mechanism
     tiny = {k: v * (1e-6 if k not in ("lam", "tau") else 1.0) for k, v in OTHERS[mechanism].items()}
     if mechanism == "motor_lag":
         tiny = {"tau": 3e-5}  # the step must resolve it: a late law, by tau, moves the rod by tau x 1.5 m/s at most
+    if mechanism == "loop_bandwidth":
+        tiny = {"t_n": 2e-5, "zeta": 0.6}  # late by 2 zeta t_n
+    if mechanism in ("speed_limit", "stroke_limit"):
+        tiny = dict.fromkeys(OTHERS[mechanism], 10.0)  # never met
     if mechanism == "compaction":
         tiny = {"factor": 1 + 1e-6}  # a ratio: 1 leaves the bed as it is
     nearly = sand(6.0, 0.5, (*samples.SAND_TERMS, mechanism), parameters=tiny)
-    np.testing.assert_allclose(nearly.rod, plain.rod, atol=2e-4 if mechanism == "motor_lag" else 2e-6)
+    np.testing.assert_allclose(nearly.rod, plain.rod, atol=2e-4 if mechanism in LATE else 2e-6)
 
 
 def test_no_mechanism_escapes_these_tests():

@@ -72,7 +72,7 @@ def test_law_is_finite_and_a_force(name):
 
 def test_every_parameter_is_declared_and_used():
     assert {p for m in MECHANISMS.values() for p in m.names} == set(FIELDS)
-    rules = {Body.BED, Body.ROBOT, Body.LANDING, Body.MOTOR, Body.HEIGHT, Body.TIME}
+    rules = {Body.BED, Body.ROBOT, Body.LANDING, Body.DRIVE, Body.MOTOR, Body.HEIGHT, Body.TIME}
     for m in MECHANISMS.values():
         assert bool(m.equation) == (m.acts_on not in rules), m.name
         assert bool(m.law) == bool(m.acts_on.symbols), m.name

@@ -20,7 +20,7 @@ from jumpvision.base.schema import InputError, read
 
 from . import recordings as logs
 from .campaign import jump_of
-from .jumper import OUTSIDE, STATIC, Robot
+from .jumper import OUTSIDE, STATIC, UNLOGGED, Robot
 from .protocol import Protocol, checked
 from .protocol_keys import BedValues, Header, Jump, JumpSweep, MotorLog, Records, RodTrack, jumps_of
 from .recordings import Errors
@@ -67,6 +67,10 @@ EFFECTS = {
     "tilt": Effect(_BOTH, {"dg": Drawn(0.008, 0.4, EITHER)}),
     "landing_loss": Effect(_HARD, {"e": Drawn(0.004, 0.5)}),
     "motor_lag": Effect(_BOTH, {"tau": Drawn(0.0003, 0.008)}),
+    "loop_bandwidth": Effect(_BOTH, {"t_n": Drawn(0.0005, 0.005)}, {"zeta": 0.6}),
+    "speed_limit": Effect(_HARD, {"top_speed": Drawn(0.42, 0.15)}),
+    "stroke_limit": Effect(_HARD, {"reach": Drawn(0.0078, 0.005)}),
+    "drive_play": Effect(_BOTH, {"play": Drawn(3e-5, 1e-3)}, {"flank": 0.0}),
     "camera_scale": Effect(_BOTH, {"scale": Drawn(0.0015, 0.06, EITHER)}),  # about 1
     "time_offset": Effect(_BOTH, {"dt": Drawn(0.0003, 0.01, EITHER)}),
     "rail_drag_by_height": Effect(_BOTH, {"c_x": Drawn(0.6, 60.0)}),
@@ -298,8 +302,8 @@ def _protocol(
         {},
         jumps_of(sweeps, start=header.start, ground=ground, part="", first=0),
         (),
-        # a lag shows only where the command drives the model
-        Records(rod_track=track, motor_log=MotorLog() if "motor_lag" not in hidden else None),
+        # what the motor makes of its command shows only where the command drives the model
+        Records(rod_track=track, motor_log=MotorLog() if not UNLOGGED & {*hidden} else None),
         model=model.table(),
         robot_sigma=sigma,
         file=Path("the drawn setting"),

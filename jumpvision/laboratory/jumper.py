@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
 
-from .jumper_kernel import integrate
+from .drive import AFTER, DRIVE, RATE, performed
+from .jumper_kernel import _command, integrate
 
 
 class Loop(NamedTuple):
@@ -98,22 +99,13 @@ def motion_of(
     q = truth_of(robot, terms, parameters, ground=ground, bed_density=bed_density)
     if law is None:
         law = Law(1.0, 0.0, 0.0, 0.0, 0.0)
-    command: tuple[Any, ...]
-    if isinstance(law, Samples):
-        command = (0.0, 0.0, 0.0, law.start, law.stop, 0.0, law.stop, 1.0, np.array(law.position, float), law.rate)
-    else:
-        half = law.start + (0.5 / law.frequency if law.delay > 0 else law.cycles / law.frequency)
-        command = (
-            law.amplitude,
-            2 * math.pi * law.frequency,
-            law.phase,
-            law.start,
-            half,
-            law.delay,
-            law.stop,
-            law.dwell_gain,
-            np.empty(0),
-            0.0,
+    command = _commanded(law)
+    if faults := {n: float(parameters[n]) for t in terms for n in DRIVE.get(t, ())}:
+        if motor is not None:
+            raise ValueError(f"{', '.join(t for t in terms if t in DRIVE)}: leave it out beside the motor's loop")
+        t = np.arange(law.start, law.stop + AFTER, 1.0 / RATE)
+        command = _commanded(
+            Samples(performed(np.array([_command(x, command)[0] for x in t]), faults), RATE, law.start)
         )
     loop = _loop(motor, law, q.tau)
     n = round(duration / (dt * every)) + 1
@@ -128,6 +120,15 @@ def motion_of(
         flights=ends - lift_offs,
         motor_stop=law.stop,
     )
+
+
+def _commanded(law: Law | Samples) -> tuple[Any, ...]:
+    """A law as the kernel needs it."""
+    if isinstance(law, Samples):
+        return 0.0, 0.0, 0.0, law.start, law.stop, 0.0, law.stop, 1.0, np.array(law.position, float), law.rate
+    half = law.start + (0.5 / law.frequency if law.delay > 0 else law.cycles / law.frequency)
+    w, none = 2 * math.pi * law.frequency, np.empty(0)
+    return law.amplitude, w, law.phase, law.start, half, law.delay, law.stop, law.dwell_gain, none, 0.0
 
 
 def _loop(motor: Motor | None, law: Law | Samples, tau: float) -> Loop:
@@ -170,6 +171,7 @@ MECHANISMS: dict[str, tuple[str, ...]] = {
     "tilt": ("dg",),
     "landing_loss": ("e",),
     "motor_lag": ("tau",),
+    **DRIVE,
 }
 # what no vocabulary of causes holds, for the hidden-effect game: it must not be named as something else
 OUTSIDE: dict[str, tuple[str, ...]] = {
@@ -177,6 +179,7 @@ OUTSIDE: dict[str, tuple[str, ...]] = {
     "depth_rate_drag": ("d_zv",),  # d_zv z |v| against the foot's motion while it intrudes [N s/m^2]
 }
 KNOWN = MECHANISMS | OUTSIDE
+UNLOGGED = {"motor_lag", *DRIVE}  # between the command and the carriage, whose motion a motor log has
 MAY_BE = {"carry": "stop_go_overshoot"}  # 0 where it is not given
 AT_THE_CAMERA = ("camera_scale", "time_offset")  # they change the record, not the motion
 STATIC = ("linear_penetration", "two_resistance", "rft_cone")

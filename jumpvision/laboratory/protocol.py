@@ -18,7 +18,7 @@ import numpy as np
 
 from jumpvision.base.schema import InputError, closest, read, type_of
 
-from .jumper import AT_THE_CAMERA, KNOWN, MAY_BE, Motor, Robot, truth_of
+from .jumper import AT_THE_CAMERA, KNOWN, MAY_BE, UNLOGGED, Motor, Robot, truth_of
 from .protocol_keys import (
     BED_RECORDS,
     FILMED_BY,
@@ -330,8 +330,8 @@ def _check(protocol: Protocol, where: str) -> list[str]:
                     f"{at} crater_volume = {values['crater_volume']:.3g}: must be >= {-bowl:.3g} m^3, the bowl's own; "
                     "give [record.crater_image] a greater depth"
                 )
-    if protocol.motor and "motor_lag" in protocol.terms:
-        problems.append(f"{where}: [truth] terms: 'motor_lag' beside [motor]; leave one of them out")
+    twice = [t for t in protocol.terms if protocol.motor and t in UNLOGGED]
+    problems += [f"{where}: [truth] terms: {t!r} beside [motor]; leave one of them out" for t in twice]
     used = {n: getattr(protocol.cameras, n) for record, n in FILMED_BY.items() if getattr(records, record)}
     if any(c.calibrated for c in used.values()) and len({(c.k1, c.k2) for c in used.values()}) > 1:
         problems.append(

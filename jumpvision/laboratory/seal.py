@@ -24,7 +24,7 @@ from . import write
 from .blind import ROBOTS, Nuisance, Setting, draw
 from .campaign import PROTOCOL, carry_out, defaults, write_experiment, written
 from .intrusions import scaled
-from .jumper import AT_THE_CAMERA, KNOWN, OUTSIDE, Law, Samples
+from .jumper import AT_THE_CAMERA, KNOWN, OUTSIDE, UNLOGGED, Law, Samples
 from .protocol import CAMERA_PARAMETERS, Protocol, checked, values_at
 from .protocol_keys import Jump, MotorLog, Records, RodTrack
 
@@ -60,7 +60,7 @@ def truth_for(out: Path, like: str = "") -> Protocol:
         ground = tomllib.loads((out / "campaign.toml").read_text(encoding="utf-8"))["ground"]
         setting = draw(np.random.default_rng(0), ground=ground, hidden=())  # for what all settings have alike
         track = RodTrack(**answer.nuisance)  # type: ignore[arg-type]
-        log = MotorLog() if "motor_lag" not in answer.hidden else None
+        log = MotorLog() if not UNLOGGED & {*answer.hidden} else None
         true = dict(answer.truth)
         terms = tuple(cast(Sequence[str], true.pop("terms")))
         records = Records(rod_track=track, motor_log=log)

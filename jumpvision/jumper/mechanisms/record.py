@@ -16,6 +16,7 @@ from enum import Enum
 from functools import cached_property
 from typing import Any, Protocol
 
+from jumpvision.base.arrays import Array
 from jumpvision.engine.laws.expression import Expression, parse
 
 _BED = {
@@ -75,6 +76,7 @@ class Body(Enum):
     SPRING = "force of the spring on the rod"
     ROBOT = "a value of the robot that is other than assumed: its parameter is added to `corrects`"
     LANDING = "the touchdown on hard ground"
+    DRIVE = "the command's or the log's motion: its operator makes of it that of the carriage"
     MOTOR = "how the motor follows its command: rate of the motor beside that of the command"
     HEIGHT = "what is added to the true height in the reported one"
     TIME = "what is added to a frame's stamp for the time that it shows"
@@ -131,6 +133,14 @@ class Robot(Protocol):
 
 
 @dataclass(frozen=True)
+class Reach:
+    """What the size of a prior of the drive follows from: the furthest [m] and fastest [m/s] that motors are sent."""
+
+    stroke: float
+    speed: float
+
+
+@dataclass(frozen=True)
 class Prior:
     """How a diagnosis tries a parameter: `engine.system.Parameter`.
 
@@ -150,8 +160,8 @@ class Prior:
 class Parameter:
     """A key of [model]: its unit ("" = none), meaning, allowed range and default (None: must be given).
 
-    prior: of a model (`physics.model.Model`). by_area: a force that grows with the area of the foot. stiffness: of the
-    bed, by which beds made alike may differ as a whole.
+    prior: of a model (`physics.model.Model`), of a DRIVE of its `Reach`. by_area: a force that grows with the area of
+    the foot. stiffness: of the bed, by which beds made alike may differ as a whole.
     """
 
     name: str
@@ -177,7 +187,8 @@ class Mechanism:
     meaning: what it adds; lacks: the same in plain words, after "because the model lacks ..."; equation: how its term
     reads in a printed model; source: where it comes from. goes_with: mechanisms of one cause with it. assumed:
     parameters that jumps cannot tell, with their value where the model gives none. possible: whether a diagnosis may
-    ask for it, of the model and whether the command drives it.
+    ask for it, of the model. of_command: it is how the motor follows its command, so it acts where that drives and not
+    where the encoder does. operator: of a DRIVE, (knots, cubics, parameters) to (knots, cubics).
     Raises LawError for a law in symbols that the body does not offer, naming those that it does.
     """
 
@@ -198,7 +209,9 @@ class Mechanism:
     scales: tuple[str, ...] = ()
     goes_with: tuple[str, ...] = ()
     assumed: Mapping[str, float] = field(default_factory=dict)
-    possible: Callable[[Any, bool], bool] = field(default=lambda model, command_drives: True, repr=False, compare=False)
+    possible: Callable[[Any], bool] = field(default=lambda model: True, repr=False, compare=False)
+    of_command: bool = False
+    operator: Callable[..., tuple[Array, Array]] | None = field(default=None, repr=False, compare=False)
     seen: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from jumpvision.base.schema import param
 
-from . import cone, ground, robot
+from . import cone, drive, ground, robot
 from .record import Body, Mechanism, Parameter
 
 MECHANISMS: dict[str, Mechanism] = {
@@ -34,6 +34,10 @@ MECHANISMS: dict[str, Mechanism] = {
         robot.PAYLOAD,
         robot.TILT,
         robot.LANDING_LOSS,
+        drive.LOOP_BANDWIDTH,
+        drive.SPEED_LIMIT,
+        drive.STROKE_LIMIT,
+        drive.DRIVE_PLAY,
         robot.MOTOR_LAG,
         robot.CAMERA_SCALE,
         robot.TIME_OFFSET,

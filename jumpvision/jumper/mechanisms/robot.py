@@ -53,7 +53,7 @@ FOOT_MASS = Mechanism(
     "the right mass of the foot",
     "the constant twin of the added mass",
     corrects="foot_mass",
-    possible=lambda m, command_drives: bool(m.m_f > 0.0),
+    possible=lambda m: bool(m.m_f > 0.0),
 )
 VISCOUS_FRICTION = Mechanism(
     "viscous_friction",
@@ -138,7 +138,7 @@ MOTOR_LAG = Mechanism(
     "the lag of the motor",
     "docs/physics.md section 6",
     law="(X_c - X) / tau - V_c",
-    possible=lambda m, command_drives: command_drives,
+    of_command=True,
 )
 CAMERA_SCALE = Mechanism(
     "camera_scale",

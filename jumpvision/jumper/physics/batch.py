@@ -64,6 +64,8 @@ def jump_batch(
         raise ValueError(
             f"jump_batch rtol = {rtol!r}, atol = {atol!r}, tail = {tail!r}: need 0 < rtol, atol < 1, tail > 0"
         )
+    if drives := model.acting(Body.DRIVE):
+        raise InputError([f"model terms: '{drives[0].name}' is not swept over; leave it out, or simulate single jumps"])
     values = {name: np.asarray(x, float) for name, x in varied.items()}
     shape = np.broadcast_shapes(rows.shape[:-2], *(x.shape for x in values.values()))
     flat = {name: np.broadcast_to(x, shape).ravel() for name, x in values.items()}

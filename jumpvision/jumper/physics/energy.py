@@ -13,6 +13,7 @@ from jumpvision.jumper.physics.sand.granular import DAMPED, IMPULSE, INTRUDE, LO
 from jumpvision.jumper.physics.sand.jump import Motion, follow, laws
 from jumpvision.jumper.physics.sand.laws import elastic
 
+from .drive import played
 from .forcing import Forcing, Loop, Segments
 from .model import Model
 
@@ -90,7 +91,8 @@ def energy_ledger(
     model: Model, forcing: Forcing | Loop, *, end: float, rtol: float = 1e-9, atol: float = 1e-11
 ) -> Ledger:
     """The ledger of a jump from rest at forcing.start to `end` [s]; arguments and errors as in jump.simulate."""
-    motion, s, rest = follow(model, forcing, np.array([forcing.start, end]), rtol, atol, forcing.stop, works=True)
+    stop, forcing = forcing.stop, played(model, forcing)
+    motion, s, rest = follow(model, forcing, np.array([forcing.start, end]), rtol, atol, stop, works=True)
     ratio = model.m_m / model.M
     position, rate = (float(x[0]) for x in forcing([end]))
     if isinstance(forcing, Loop):

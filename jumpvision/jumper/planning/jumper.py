@@ -132,6 +132,8 @@ class Jumper:
         return sum((self.model.value(self.tree(m), self.xp, **symbols) for m in self.model.acting(*bodies)), 0.0)
 
     def __post_init__(self) -> None:
+        if drives := self.model.acting(Body.DRIVE):
+            raise InputError([f"model terms: '{drives[0].name}' is not planned with; leave it out of the model"])
         for m in self.model.acting(*FORCES, Body.MOTOR):
             if unknown := sorted({"contact_s", "time_s", "u"} & m.asked):
                 raise InputError(

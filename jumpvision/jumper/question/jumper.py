@@ -23,7 +23,7 @@ from jumpvision.engine.vary.candidates import changes_of
 from jumpvision.engine.vary.patterns import Pattern, Weighed
 from jumpvision.engine.vary.variables import CLOCK, SCALE, Changes, Variable, added, fault_of, true_times
 from jumpvision.jumper.mechanisms.own import parameters_with
-from jumpvision.jumper.mechanisms.record import Body, Mechanism
+from jumpvision.jumper.mechanisms.record import Body, Mechanism, Reach
 from jumpvision.jumper.mechanisms.registry import MECHANISMS, PARAMETERS, acting
 from jumpvision.jumper.physics.forcing import Forcing, Loop, Segments, Spline
 from jumpvision.jumper.physics.model import BED, ROBOT, Model
@@ -33,7 +33,7 @@ from .apart import changed, driven, variables_of
 from .jumps import Jump, coarseness, common, common_error, groups, observation
 
 RTOL, ATOL = 1e-7, 1e-9  # motions are right to some 5e-8 m, derivatives to 0.3 %; ten times finer takes twice as long
-LAG = "motor_lag"
+OF_COMMAND = tuple(m.name for m in MECHANISMS.values() if m.of_command)
 SCATTER = ("start", "bed")  # what may differ from trial to trial
 BEDS = 6  # values of one parameter that are fitted apart
 BY_AREA = tuple(p.name for p in PARAMETERS.values() if p.by_area)
@@ -87,7 +87,10 @@ class Jumper:
         drives = any(j.law for j in self.jumps)  # a lag acts where the command drives, not where the encoder does
         self.candidates: dict[str, Candidate] = {}
         for model in self.bases.values():
-            self.candidates = candidates(model, command_drives=drives, priors=sigma, own=own) | self.candidates
+            self.candidates = (
+                candidates(model, command_drives=drives, reach=reach_of(self.jumps), priors=sigma, own=own)
+                | self.candidates
+            )
         for name, c in self.candidates.items() if self.apart else ():
             drops = [*c.drops, *(Indexed(n, k) for n in c.drops for k, _ in self._beds(n))]
             used = tuple(p for p in c.parameters if p.name not in self.apart)  # the others are those of the beds
@@ -234,16 +237,16 @@ class Jumper:
         return self._own(self.build(mechanisms, values, jump.model.ground), jump, values)
 
     def _own(self, model: Model, jump: Jump, values: Mapping[str, float]) -> Model:
-        """The model with what is a jump's own: its bed, robot and parameters where they are not fitted; no lag of the
-        motor where its log drives."""
+        """The model with what is a jump's own: its bed, robot and parameters where they are not fitted; nothing
+        of how the motor follows its command where its log drives."""
         own = jump.model
         if fitted := self._of_bed(own, values):
             own = copy.copy(own)
             object.__setattr__(own, "parameters", replace(own.parameters, **fitted))
         out = of_jump(model, own, values)
-        if not jump.law and LAG in out.terms:
+        if not jump.law and any(t in OF_COMMAND for t in out.terms):
             out = copy.copy(out)
-            object.__setattr__(out, "terms", tuple(t for t in out.terms if t != LAG))
+            object.__setattr__(out, "terms", tuple(t for t in out.terms if t not in OF_COMMAND))
         return out
 
     def predict(self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]) -> list[Array]:
@@ -415,6 +418,17 @@ def _agree(bases: Mapping[str, Model]) -> None:
             )
 
 
+def reach_of(jumps: Sequence[Jump]) -> Reach | None:
+    """How far and how fast the motors are sent; None where a feedback loop is simulated, or none moves."""
+    stroke = speed = 0.0
+    for j in jumps:
+        if isinstance(j.forcing, Loop):
+            return None
+        x, v = j.forcing(np.linspace(j.forcing.start, j.forcing.stop, 2001))  # times at which a motion is looked at
+        stroke, speed = max(stroke, float(np.abs(x - x[0]).max())), max(speed, float(np.abs(v).max()))
+    return Reach(stroke, speed) if stroke > 0.0 else None
+
+
 def content(forcing: Forcing | Loop) -> bytes:
     """Everything of a forcing, to tell whether two are the same."""
     if isinstance(forcing, Spline):
@@ -448,27 +462,34 @@ def of_jump(model: Model, own: Model, values: Mapping[str, float]) -> Model:
 
 
 def candidates(
-    model: Model, *, command_drives: bool, priors: Mapping[str, float] | None = None, own: Sequence[Mechanism] = ()
+    model: Model,
+    *,
+    command_drives: bool,
+    reach: Reach | None = None,
+    priors: Mapping[str, float] | None = None,
+    own: Sequence[Mechanism] = (),
 ) -> dict[str, Candidate]:
     """Every mechanism of the model's ground that is not in it, the static forces last: each in place of its own.
 
     own: the user's own mechanisms that are considered too. command_drives: the command, not the encoder, drives the
-    model (else there is no `motor_lag`). priors: standard uncertainties of shape parameters that the model's author
-    gave.
+    model (else nothing `of_command`). reach: of the motors (None: their drives are not asked for). priors: standard
+    uncertainties of shape parameters that the model's author gave.
     """
     statics = acting(Body.STATIC)
     return {
-        m.name: candidate(m, model, priors or {})
+        m.name: candidate(m, model, priors or {}, reach)
         for m in [*(m for m in MECHANISMS.values() if m not in statics), *own, *statics]
-        if model.ground in m.grounds and m.name not in model.terms and m.possible(model, command_drives)
+        if model.ground in m.grounds and m.name not in model.terms and m.possible(model)
+        if command_drives or not m.of_command
+        if reach or m.acts_on is not Body.DRIVE
     }
 
 
-def candidate(m: Mechanism, model: Model, sigma: Mapping[str, float]) -> Candidate:
+def candidate(m: Mechanism, model: Model, sigma: Mapping[str, float], reach: Reach | None = None) -> Candidate:
     """A mechanism as a diagnosis tries it. sigma: standard uncertainties of its shape parameters."""
     parameters, grids = [], []
     for p in m.parameters:
-        q = p.prior(model)
+        q = p.prior(reach if m.acts_on is Body.DRIVE else model)
         if p.name not in m.assumed and q.low < q.high:  # else a constant
             spread = sigma.get(p.name, q.sigma) if math.isfinite(q.sigma) else q.sigma
             parameters.append(Parameter(p.name, q.start, q.low, q.high, q.scale, spread, p.unit, q.log))

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import Array
 from jumpvision.jumper.mechanisms.record import STATE, Body
+from jumpvision.jumper.physics.drive import drive_of, played
 from jumpvision.jumper.physics.forcing import Forcing, Loop, Segments
 from jumpvision.jumper.physics.model import ROBOT, Model
 
@@ -20,6 +21,7 @@ from .laws import LAG, Laws, dry, laws_of, steady
 MODES = ("air", "rest", "intrude")
 OUTPUTS = ("rod", "foot", "motor", "rod_velocity", "foot_velocity", "ground_force", "spring_force")
 SINKS = "model k2, sigma_cone: the bed cannot carry the robot's weight; give larger values"
+MOST_PLAYED = 2000  # motions of drives that are kept, some 10 kB each
 EVENT = np.dtype([("time", float), ("kind", "U10")])
 
 
@@ -70,7 +72,8 @@ def simulate(
         raise ValueError(f"simulate t[0] = {t[0]:g} s: must be <= the start of the forcing, {forcing.start:g} s")
     if not (0 < rtol < 1 and 0 < atol < 1):
         raise ValueError(f"simulate rtol = {rtol!r}, atol = {atol!r}: must be in (0, 1); give e.g. 1e-7 and 1e-9")
-    return follow(model, forcing, t, rtol, atol, forcing.stop if stop is None else float(stop))[0]
+    stop = forcing.stop if stop is None else float(stop)
+    return follow(model, played(model, forcing), t, rtol, atol, stop)[0]
 
 
 def follow(
@@ -299,6 +302,7 @@ class Tracks:
 
     def __init__(self, forcings: Sequence[Forcing | Loop], stops: Sequence[float], times: Sequence[Array]) -> None:
         self.forcings = list(forcings)
+        self.played: dict[Hashable, Forcing | Loop] = {}  # by jump and drive
         laid = [pieces(f, s, math.inf) for f, s in zip(forcings, stops)]
         wide = max(rows.shape[1] for _, rows, _ in laid)  # a loop's rows have its gain behind
         self.rows = np.concatenate([np.pad(rows, ((0, 0), (0, wide - rows.shape[1]))) for _, rows, _ in laid])
@@ -328,6 +332,37 @@ class Tracks:
         t, out: a row a lane, as long as all times together, `places` says whose is what; NaN where a motion cannot be
         followed. rtol, atol as in `jump.simulate`. Lets other threads run.
         """
+        if any(m.acting(Body.DRIVE) for m in models):
+            tracks, which = self._driven(which, models)
+            return tracks._solve(which, lanes, models, t, out, rtol, atol)
+        self._solve(which, lanes, models, t, out, rtol, atol)
+
+    def _driven(self, which: Sequence[int], models: Sequence[Model]) -> tuple[Tracks, Sequence[int]]:
+        """These jumps as their drives move them: each with each of its drives is a track of its own, at the jump's
+        times."""
+        asked = [(i, drive_of(m)) for i, m in zip(which, models)]
+        each = dict(zip(asked, models))
+        for (i, drive), m in each.items():
+            if (i, drive) not in self.played:
+                self.played[i, drive] = played(m, self.forcings[i])
+        stops = [float(self.about["stop"][i]) for i, _ in each]
+        out = Tracks([self.played[a] for a in each], stops, [self.t[self.places[i]] for i, _ in each])
+        out.about[["time", "time_end"]] = self.about[["time", "time_end"]][[i for i, _ in each]]
+        number = {a: k for k, a in enumerate(each)}
+        if len(self.played) > MOST_PLAYED:
+            self.played = {}
+        return out, [number[a] for a in asked]
+
+    def _solve(
+        self,
+        which: Sequence[int],
+        lanes: Sequence[int],
+        models: Sequence[Model],
+        t: Array,
+        out: Array,
+        rtol: float,
+        atol: float,
+    ) -> None:
         constants = pack_each(models)
         for k, i in enumerate(which):
             forcing = self.forcings[i]
