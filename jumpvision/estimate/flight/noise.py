@@ -199,10 +199,8 @@ def _first(given: list[Piece], gravity: float, stated: bool) -> Noise:
 
 
 def _scaled(given: list[Piece], noise: Noise) -> list[Piece]:
-    return [
-        replace(p, sigma=noise.factor * p.sigma, rho=noise.rho, wander=noise.wander * float(np.median(p.sigma)))
-        for p in given
-    ]
+    steps = [noise.wander * float(np.median(p.sigma)) if noise.wander else 0.0 for p in given]
+    return [replace(p, sigma=noise.factor * p.sigma, rho=noise.rho, wander=step) for p, step in zip(given, steps)]
 
 
 def _stretches(given: list[Piece], now: list[Piece], gravity: float) -> Iterator[tuple[Piece, Array]]:

@@ -82,7 +82,7 @@ def track_flights(
         h = h - ring.share * drive.o
     cut, noise = with_noise([Piece(t[i:j], h[i:j], sigma[i:j]) for i, j in pieces(t, max_gap)], gravity, stated, finest)
     quiet = 1.0
-    if ripple:
+    if ripple and t.size:
         still = float(np.median(noise.factor * sigma))
         cut = [replace(p, sigma=np.hypot(p.sigma, ripple / math.sqrt(2.0)), rho=0.0) for p in cut]
         cut = [replace(p, wander=0.0) for p in with_noise(cut, gravity, stated=True)[0]]  # a ring looks like one
