@@ -166,6 +166,13 @@ def test_flights_of_a_foot_and_a_motor_are_counted_and_timed():
     assert abs(np.mean(np.abs(z) < 1.0) - 0.683) < 0.2  # about 50 flights: 3 * 0.066
 
 
+def test_heights_that_are_rounded_and_lie_still_to_the_last_digit_bounce_all_the_same():
+    t, h, edges = bounces(500.0)
+    f = found(t, np.round(h, 4), None)
+    assert len(f) == 9 and f.time[1:] == pytest.approx(np.diff(edges), abs=1e-3)
+    assert len(found(t, 0.0 * h, None)) == 0
+
+
 @pytest.mark.parametrize(("scale", "told"), [(1.2, True), (0.95, True), (1.0, False)])
 def test_a_wrong_scale_is_said_with_its_curvature(scale, told):
     rng = np.random.default_rng(6)

@@ -143,13 +143,15 @@ def _between(x: Array, cost: Array, k: int) -> float:
     return float(x[k] + 0.5 * (x[1] - x[0]) * (a - c) / max(a - 2.0 * b + c, 1e-300))
 
 
-def with_noise(given: list[Piece], gravity: float, stated: bool) -> tuple[list[Piece], Noise]:
+def with_noise(given: list[Piece], gravity: float, stated: bool, finest: float = 0.0) -> tuple[list[Piece], Noise]:
     """The pieces with the noise that they show about their own motion.
 
-    stated: their sigma is believed until they scatter more. Whether the noise is correlated is decided by the evidence
-    of the whole motion with the one and with the other, then learned from its calm parts.
+    stated: their sigma is believed until they scatter more. finest: the least factor of one that is not (rounding).
+    Whether the noise is correlated is decided by the evidence of the whole motion with the one and with the other,
+    then learned from its calm parts.
     """
     noise = _first(given, gravity, stated)
+    noise = replace(noise, factor=max(noise.factor, finest))
     price = math.log(max(sum(p.t.size for p in given), 2))
     stretches: list[tuple[Piece, Array]] = []
     for _ in range(LEARNED):
@@ -157,7 +159,7 @@ def with_noise(given: list[Piece], gravity: float, stated: bool) -> tuple[list[P
         found = _shown(stretches, price)
         if found is None:
             break
-        last, noise = noise, found.of_stated() if stated else found
+        last, noise = noise, found.of_stated() if stated else replace(found, factor=max(found.factor, finest))
         if abs(last.factor / noise.factor - 1.0) < ENOUGH and abs(last.rho - noise.rho) < ENOUGH:
             break
     noise = replace(noise, wander=wandering(stretches, noise.rho))
@@ -197,10 +199,8 @@ def _first(given: list[Piece], gravity: float, stated: bool) -> Noise:
 
 
 def _scaled(given: list[Piece], noise: Noise) -> list[Piece]:
-    return [
-        replace(p, sigma=noise.factor * p.sigma, rho=noise.rho, wander=noise.wander * float(np.median(p.sigma)))
-        for p in given
-    ]
+    steps = [noise.wander * float(np.median(p.sigma)) if noise.wander else 0.0 for p in given]
+    return [replace(p, sigma=noise.factor * p.sigma, rho=noise.rho, wander=step) for p, step in zip(given, steps)]
 
 
 def _stretches(given: list[Piece], now: list[Piece], gravity: float) -> Iterator[tuple[Piece, Array]]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from jumpvision.base.arrays import Array
 
 Source = tuple[str, int]  # ("curve", its place in the motion), ("train" of bounces, the place of its first), others
-FINEST = 1e-150  # m: the square of a smaller sigma, of a record without any scatter, is no number
+FINEST = 1e-15  # m: of a record without any scatter
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,7 @@ class Piece:
     step: float = 0.0  # s, between samples that were not lost
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "sigma", np.maximum(self.sigma, FINEST))
         if not self.step and self.t.size > 1:
             object.__setattr__(self, "step", float(np.median(np.diff(self.t))))
 
@@ -53,7 +54,7 @@ class Piece:
     def weights(self) -> Array:
         """1/m^2, (n,): of white noise that is worth as much as this over many samples; next to none where the last
         sample, which `whitened` needs, is not there."""
-        out = np.maximum(self.sigma, FINEST) ** -2 * (1.0 - self.rho) / (1.0 + self.rho)
+        out = self.sigma**-2 * (1.0 - self.rho) / (1.0 + self.rho)
         if self.rho:
             out[np.diff(self.t, prepend=-np.inf) > 1.5 * self.step] *= LEAST
         return np.asarray(out)

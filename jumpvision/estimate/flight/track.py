@@ -21,7 +21,7 @@ from .flights import NAN, Flights
 from .ground import MOST, Ground, ground
 from .motion import POWER, Motion, curvature, motion
 from .noise import with_noise
-from .piece import Piece
+from .piece import FINEST, Piece
 from .segments import FLIGHT, LIKE
 from .spring import Settings
 
@@ -76,13 +76,14 @@ def track_flights(
         raise ValueError("track_flights: t must increase from sample to sample")
     if not stated:
         sigma = np.full(t.size, noise_of(h))
+    finest = 0.0 if stated else rounding_of(h) / float(np.max(sigma, initial=FINEST))
     lag = lag or (ring.lag if ring else 0.0)
     drive = None if offset is None else Drive(t, np.asarray(offset, float)[good])
     if drive is not None and ring is not None:  # a foot that hangs goes with the rod: what flies is the whole
         h = h - ring.share * drive.o
-    cut, noise = with_noise([Piece(t[i:j], h[i:j], sigma[i:j]) for i, j in pieces(t, max_gap)], gravity, stated)
+    cut, noise = with_noise([Piece(t[i:j], h[i:j], sigma[i:j]) for i, j in pieces(t, max_gap)], gravity, stated, finest)
     quiet = 1.0
-    if ripple:
+    if ripple and t.size:
         still = float(np.median(noise.factor * sigma))
         cut = [replace(p, sigma=np.hypot(p.sigma, ripple / math.sqrt(2.0)), rho=0.0) for p in cut]
         cut = [replace(p, wander=0.0) for p in with_noise(cut, gravity, stated=True)[0]]  # a ring looks like one
@@ -178,9 +179,13 @@ def pieces(t: Array, max_gap: float) -> Iterator[tuple[int, int]]:
 
 def noise_of(h: Array) -> float:
     """A first guess of the noise [m] of a record that states none: not below its rounding."""
+    return max(difference_noise(h), rounding_of(h), FINEST)
+
+
+def rounding_of(h: Array) -> float:
+    """What rounding makes of heights [m], as a standard deviation: at rest, where all are the same, none is seen."""
     steps = np.diff(np.unique(h))
-    rounding = float(steps.min()) / math.sqrt(12.0) if steps.size else 0.0
-    return max(difference_noise(h), rounding, float(np.finfo(float).tiny))
+    return float(steps.min()) / math.sqrt(12.0) if steps.size else 0.0
 
 
 def flights_in(piece: Piece, how: Settings) -> tuple[Motion, list[Flight]]:
