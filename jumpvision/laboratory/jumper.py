@@ -103,10 +103,9 @@ def motion_of(
     if faults := {n: float(parameters[n]) for t in terms for n in DRIVE.get(t, ())}:
         if motor is not None:
             raise ValueError(f"{', '.join(t for t in terms if t in DRIVE)}: leave it out beside the motor's loop")
-        t = np.arange(law.start, law.stop + AFTER, 1.0 / RATE)
-        command = _commanded(
-            Samples(performed(np.array([_command(x, command)[0] for x in t]), faults), RATE, law.start)
-        )
+        when = np.arange(law.start, law.stop + AFTER, 1.0 / RATE)
+        asked = np.array([_command(x, command)[0] for x in when])
+        command = _commanded(Samples(performed(asked, faults), RATE, law.start))
     loop = _loop(motor, law, q.tau)
     n = round(duration / (dt * every)) + 1
     out, contact, lift_offs, landings = integrate(q, command, loop, dt, every, n)
