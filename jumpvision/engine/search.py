@@ -24,6 +24,7 @@ ONES, TWOS = 4, 4  # extensions of a set by one mechanism, and by two, that its 
 LAP, LAPS = 4, 6  # iterations of a fit before it is compared with the others, and how often
 FEW = 8  # conditions that the first lap goes over
 BEHIND, CLOSE = 3.0, 50.0  # a fit goes on while its chi^2 is less than this many laps, or this much, behind the best
+WORTH = 0.1  # share of the excess of chi^2 that a mechanism whose runs are dear must take to be tried alone
 LEADING, FIRST = 8, 3  # sets that go on after the first lap, in a quick search; beside all that are CLOSE to the best
 
 Start = tuple[tuple[str, ...], dict[str, float]]
@@ -61,10 +62,12 @@ class Search:
 
         enough: asked where no set of two passes, whether larger ones need not be tried.
         """
-        found, asked = self.tests[frozenset()], list(self.problem.system.candidates)
+        candidates = self.problem.system.candidates
+        found, asked = self.tests[frozenset()], list(candidates)
         if self.quick:
             top = sorted(zip(map(abs, found.score), (d.mechanism for d in found.directions)), reverse=True)
             asked = list(dict.fromkeys(m for _, m in top))[:4]  # single mechanisms that a quick search tries
+        asked = [m for m in asked if not candidates[m].dear or self.asks_for(m)]
         begun = self.problem.each(partial(starts, self.problem, self.base, found, m) for m in asked)
         self.race([s for some in begun for s in some])
         for size in range(1, MOST + 1):
@@ -79,6 +82,12 @@ class Search:
             # still larger sets are tried where this one took a tenth of the excess of chi^2
             if before.chi2 - after.chi2 < 0.1 * (before.chi2 - self.problem.n):
                 return
+
+    def asks_for(self, mechanism: str) -> bool:
+        """Whether a mechanism would take a share of the baseline's excess of chi^2, linear in its strength."""
+        found = self.tests[frozenset()]
+        most = max((z * z for d, z in zip(found.directions, found.score) if d.mechanism == mechanism), default=0.0)
+        return bool(most > WORTH * max(self.base.chi2 - self.problem.n, 0.0))
 
     # -- what is known ---------------------------------------------------------------------------------------------
     def log_probability(self, key: Key) -> float:

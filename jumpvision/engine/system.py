@@ -70,7 +70,7 @@ class Candidate:
     replaces: a term that it takes the place of (then there is no strength at which it is absent).
     drops: parameters that are nobody's when that term is gone. goes_with: mechanisms of one cause with it, always tried
     as a pair. price: ln of how many like it were looked at before it was chosen. begin: values at which
-    it was found to fit, the shared parameters' among them.
+    it was found to fit, the shared parameters' among them. dear: it is tried alone only where the residuals ask for it.
     """
 
     parameters: tuple[Parameter, ...]
@@ -81,6 +81,7 @@ class Candidate:
     goes_with: tuple[str, ...] = ()
     price: float = 0.0
     begin: Mapping[str, float] | None = None
+    dear: bool = False
 
 
 @dataclass(frozen=True)

@@ -103,7 +103,8 @@ def motion_of(
     if faults := {n: float(parameters[n]) for t in terms for n in DRIVE.get(t, ())}:
         if motor is not None:
             raise ValueError(f"{', '.join(t for t in terms if t in DRIVE)}: leave it out beside the motor's loop")
-        asked = np.array([_command(x, command)[0] for x in np.arange(law.start, law.stop + AFTER, 1.0 / RATE)])
+        when = np.arange(law.start, law.stop + AFTER, 1.0 / RATE)
+        asked = np.array([_command(x, command)[0] for x in when])
         command = _commanded(Samples(performed(asked, faults), RATE, law.start))
     loop = _loop(motor, law, q.tau)
     n = round(duration / (dt * every)) + 1

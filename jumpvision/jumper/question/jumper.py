@@ -500,4 +500,5 @@ def candidate(m: Mechanism, model: Model, sigma: Mapping[str, float], reach: Rea
         return Candidate(tuple(parameters), replaces=own.name, drops=drops)
     shapes = tuple(itertools.product(*grids[1:]))
     null = 0.0 if m.own else parameters[0].start
-    return Candidate(tuple(parameters), null=null, shapes=shapes, goes_with=m.goes_with)
+    dear = m.acts_on is Body.DRIVE  # every strength of it is another motion of every motor
+    return Candidate(tuple(parameters), null=null, shapes=shapes, goes_with=m.goes_with, dear=dear)

@@ -342,15 +342,13 @@ class Tracks:
         times."""
         asked = [(i, drive_of(m)) for i, m in zip(which, models)]
         each = dict(zip(asked, models))
-        for (i, drive), m in each.items():
-            if (i, drive) not in self.played:
-                self.played[i, drive] = played(m, self.forcings[i])
+        known = self.played  # other threads may begin another one
+        motions = {a: known[a] if a in known else played(m, self.forcings[a[0]]) for a, m in each.items()}
         stops = [float(self.about["stop"][i]) for i, _ in each]
-        out = Tracks([self.played[a] for a in each], stops, [self.t[self.places[i]] for i, _ in each])
+        out = Tracks([motions[a] for a in each], stops, [self.t[self.places[i]] for i, _ in each])
         out.about[["time", "time_end"]] = self.about[["time", "time_end"]][[i for i, _ in each]]
         number = {a: k for k, a in enumerate(each)}
-        if len(self.played) > MOST_PLAYED:
-            self.played = {}
+        self.played = motions if len(known) > MOST_PLAYED else {**known, **motions}
         return out, [number[a] for a in asked]
 
     def _solve(
