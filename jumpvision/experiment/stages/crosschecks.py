@@ -144,10 +144,11 @@ def upright(name: str, motion: Motion, found: Flights) -> Iterator[StageWarning]
         )
 
 
-def falling(motion: Motion, robot: Robot, name: str, *, hard: bool) -> Iterator[StageWarning]:
-    """The curvature of free flight beside gravity: scale, frame rate or tilt. A shorter one may be a swing."""
+def falling(motion: Motion, robot: Robot, name: str, *, after: float, hard: bool) -> Iterator[StageWarning]:
+    """The curvature of free flight beside gravity: scale, frame rate or tilt. after [s]: when the motor rests; a shorter
+    one may be a swing."""
     foot = hanging_foot(robot)
-    good = np.isfinite(motion.t) & np.isfinite(motion.height)
+    good = np.isfinite(motion.t) & np.isfinite(motion.height) & (motion.t > after)
     if good.sum() < FEWEST:
         return
     every = max(1, round(ENOUGH / float(np.median(np.diff(motion.t[good])))))
@@ -188,8 +189,8 @@ def ringing(name: str, motion: Motion, h: Array, robot: Robot, law: Actuation, *
 
 
 def stances(said: Flights, robot: Robot, law: Actuation | None) -> Iterator[StageWarning]:
-    """On hard ground how long the foot stands between two flights beside spring and masses: what lands at speed v leaves
-    after (2/w)(pi - atan(v w/g)), w^2 = k/M. said: flights by the contact log."""
+    """On hard ground how long the foot stands between two flights beside spring and masses: what lands at speed v
+    leaves after (2/w)(pi - atan(v w/g)), w^2 = k/M. said: flights by the contact log."""
     k, mass, g = robot.spring_stiffness, total_mass(robot), robot.gravity
     stop = law.stop if law is not None and law.moves else -math.inf
     if not k or not mass:

@@ -6,6 +6,7 @@ the likely remedy. Nothing is computed that takes longer than reading the logs a
 
 from __future__ import annotations
 
+import math
 import re
 import warnings
 from collections.abc import Callable, Iterator
@@ -230,7 +231,8 @@ def _doubts(e: Experiment, found: Found) -> Iterator[StageWarning]:
         yield from stances(said, robot, law) if said is not None else ()
     if motion is None or rod is None or robot is None:
         return
-    yield from falling(motion, robot, found.name, hard=hard)
+    stop = law.stop if law is not None and law.moves else -math.inf
+    yield from falling(motion, robot, found.name, after=stop, hard=hard)
     if law is not None:
         yield from ringing(found.name, motion, rod.arrays[1], robot, law, hard=hard)
         yield from pushes(found.name, *rod.arrays[:2], robot, law, log if found.motor is not None else None)
