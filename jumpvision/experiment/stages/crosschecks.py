@@ -145,7 +145,7 @@ def upright(name: str, motion: Motion, found: Flights) -> Iterator[StageWarning]
 
 
 def falling(motion: Motion, robot: Robot, name: str, *, after: float, hard: bool) -> Iterator[StageWarning]:
-    """The curvature of free flight beside gravity: scale, frame rate or tilt. after [s]: when the motor rests; a shorter
+    """The curvature of free flight beside gravity: scale, frame rate or tilt. after [s]: when the motor rests. A short
     one may be a swing."""
     foot = hanging_foot(robot)
     good = np.isfinite(motion.t) & np.isfinite(motion.height) & (motion.t > after)
