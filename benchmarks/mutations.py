@@ -930,8 +930,8 @@ FAULTS = (
         "cli",
         "names swapped",
         "terminal.py",
-        "{1e3 * g.rmse_height_before_m:.2f} -> {1e3 * g.rmse_height_after_m:.2f}",
-        "{1e3 * g.rmse_height_after_m:.2f} -> {1e3 * g.rmse_height_before_m:.2f}",
+        "{said(g.rmse_height_before_m, '.2f', 1e3)} -> {said(g.rmse_height_after_m, '.2f', 1e3)} mm rms",
+        "{said(g.rmse_height_after_m, '.2f', 1e3)} -> {said(g.rmse_height_before_m, '.2f', 1e3)} mm rms",
         "test_question.py",
     ),
 )

@@ -144,10 +144,11 @@ def upright(name: str, motion: Motion, found: Flights) -> Iterator[StageWarning]
         )
 
 
-def falling(motion: Motion, robot: Robot, name: str) -> Iterator[StageWarning]:
-    """The curvature of free flight beside gravity: scale, frame rate or tilt."""
+def falling(motion: Motion, robot: Robot, name: str, *, after: float, hard: bool) -> Iterator[StageWarning]:
+    """The curvature of free flight beside gravity: scale, frame rate or tilt. after [s]: when the motor rests. A short
+    one may be a swing."""
     foot = hanging_foot(robot)
-    good = np.isfinite(motion.t) & np.isfinite(motion.height)
+    good = np.isfinite(motion.t) & np.isfinite(motion.height) & (motion.t > after)
     if good.sum() < FEWEST:
         return
     every = max(1, round(ENOUGH / float(np.median(np.diff(motion.t[good])))))
@@ -161,8 +162,10 @@ def falling(motion: Motion, robot: Robot, name: str) -> Iterator[StageWarning]:
         max_gap=GAP,
         ripple=foot_ripple(*foot) if foot else 0.0,
     )
+    k, mass = robot.spring_stiffness, total_mass(robot)
+    swing = math.pi * math.sqrt(mass / k) * (1.0 if hard else 1.5) if k and mass else 0.0  # half a swing on the ground
     for doubt in found.doubts:
-        if doubt.kind == "scale":
+        if doubt.kind == "scale" and np.nanmax(found.time, initial=0.0) > swing:
             yield StageWarning("scale", f"[{name}] {doubt}", name, doubt.values)
 
 
@@ -183,6 +186,28 @@ def ringing(name: str, motion: Motion, h: Array, robot: Robot, law: Actuation, *
     slower = ring.frequency < math.sqrt(k / mass) / (2.0 * math.pi)
     if (hard or not slower) and (doubt := other_spring(ring.frequency, k, mass)):
         yield StageWarning(doubt.kind, f"[{name}] {doubt}", doubt.recording, doubt.values)
+
+
+def stances(said: Flights, robot: Robot, law: Actuation | None) -> Iterator[StageWarning]:
+    """On hard ground how long the foot stands between two flights beside spring and masses: what lands at speed v
+    leaves after (2/w)(pi - atan(v w/g)), w^2 = k/M. said: flights by the contact log."""
+    k, mass, g = robot.spring_stiffness, total_mass(robot), robot.gravity
+    stop = law.stop if law is not None and law.moves else -math.inf
+    if not k or not mass:
+        return
+    speed = 0.25 * g * (said.time[:-1] + said.time[1:])
+    stand = said.lift_off[1:] - said.landing[:-1]
+    free = np.isfinite(speed + stand) & (said.landing[:-1] > stop) & (stand > 0.0) & (said.time[:-1] > SHORTEST)
+    rates = math.sqrt(k / mass) * np.geomspace(0.1, 10.0, 400)
+    found = [
+        float(rates[np.argmin(np.abs(2.0 / rates * (math.pi - np.arctan(v * rates / g)) - s))])
+        for v, s in zip(speed[free], stand[free])
+    ]
+    if len(found) < 2:
+        return
+    if doubt := other_spring(float(np.median(found)) / (2.0 * math.pi), k, mass):
+        said_so = f"[contact_log] by {len(found)} stances between flights the robot {doubt}"
+        yield StageWarning(doubt.kind, said_so, doubt.recording, doubt.values)
 
 
 def _lasting(flights: Flights) -> float:

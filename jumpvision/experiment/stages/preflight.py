@@ -6,6 +6,7 @@ the likely remedy. Nothing is computed that takes longer than reading the logs a
 
 from __future__ import annotations
 
+import math
 import re
 import warnings
 from collections.abc import Callable, Iterator
@@ -18,6 +19,7 @@ import numpy as np
 from jumpvision.base.arrays import Array
 from jumpvision.base.record import Record
 from jumpvision.base.schema import InputError, StageWarning, Told, read, told_in
+from jumpvision.estimate.flight import contact_flights
 from jumpvision.experiment.inputs.experiment import Experiment
 from jumpvision.experiment.inputs.logs import read_log
 from jumpvision.experiment.inputs.model import ModelSpec
@@ -46,7 +48,7 @@ from jumpvision.films.frames import Film
 from jumpvision.films.frames.decoding import open_video
 from jumpvision.films.frames.opening import READERS
 
-from .crosschecks import cross_checks, falling, motion_of, ringing, softness
+from .crosschecks import cross_checks, falling, motion_of, ringing, softness, stances
 from .fit import contact_of
 from .push import pushes
 from .recordings import NOWHERE, bare_view, in_pixels, open_film, open_pictures
@@ -224,9 +226,13 @@ def _doubts(e: Experiment, found: Found) -> Iterator[StageWarning]:
         motion = found.ask(lambda: motion_of(*rod.arrays, robot, law, log))
     hard = e.ground == "hard"
     yield from cross_checks(found.name, motion, found.contact, law, found.motor, softness(motion, robot, hard=hard))
+    if hard and robot is not None and found.contact is not None:
+        said = found.ask(lambda: contact_flights(*found.contact, debounce=0.005) if found.contact else None)
+        yield from stances(said, robot, law) if said is not None else ()
     if motion is None or rod is None or robot is None:
         return
-    yield from falling(motion, robot, found.name)
+    stop = law.stop if law is not None and law.moves else -math.inf
+    yield from falling(motion, robot, found.name, after=stop, hard=hard)
     if law is not None:
         yield from ringing(found.name, motion, rod.arrays[1], robot, law, hard=hard)
         yield from pushes(found.name, *rod.arrays[:2], robot, law, log if found.motor is not None else None)

@@ -115,6 +115,7 @@ def pushes(name: str, t: Array, h: Array, robot: Robot, law: Actuation, log: Mot
     if found is None:
         return
     if not found.explained:
+        yield from _mirrored(name, motor.push(t, -h), found)
         yield from _pace(name, motor, t, h, law, found)
         return
     yield from _clock(name, found, log is not None)
@@ -132,6 +133,17 @@ def _clock(name: str, found: Push, logged: bool) -> Iterator[StageWarning]:
         of,
         {"shift_s": found.shift, "misfit_m": found.misfit, "shifted_m": found.best},
     )
+
+
+def _mirrored(name: str, mirror: Push | None, as_is: Push) -> Iterator[StageWarning]:
+    if mirror is not None and mirror.explained and mirror.best < PACE * as_is.best:
+        yield StageWarning(
+            "sign",
+            f"[{name}] follows its motor upside down (rms {1e3 * mirror.best:.2g} mm, {1e3 * as_is.best:.2g} mm as it "
+            "is): heights that point down, or a motor's position that is negated?",
+            name,
+            {"misfit_m": as_is.best, "mirrored_m": mirror.best},
+        )
 
 
 def _pace(name: str, motor: Pushed, t: Array, h: Array, law: Actuation, as_is: Push) -> Iterator[StageWarning]:
