@@ -302,7 +302,7 @@ class Tracks:
 
     def __init__(self, forcings: Sequence[Forcing | Loop], stops: Sequence[float], times: Sequence[Array]) -> None:
         self.forcings = list(forcings)
-        self.played: dict[Hashable, Forcing | Loop] = {}  # by jump and drive
+        self.played: dict[tuple[int, tuple[Hashable, ...]], Forcing | Loop] = {}  # by jump and drive
         laid = [pieces(f, s, math.inf) for f, s in zip(forcings, stops)]
         wide = max(rows.shape[1] for _, rows, _ in laid)  # a loop's rows have its gain behind
         self.rows = np.concatenate([np.pad(rows, ((0, 0), (0, wide - rows.shape[1]))) for _, rows, _ in laid])
