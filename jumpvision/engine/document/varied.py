@@ -18,7 +18,6 @@ from . import values as record
 from .varies import RECORDING
 
 
-
 def varies_of(d: Findings) -> tuple[record.Varies, ...]:
     """Every number that varies, the surest first."""
     if not d.varies or d.problem is None:

@@ -8,12 +8,14 @@ from dataclasses import dataclass
 from functools import partial
 
 from jumpvision.engine.fitting import Fit, Problem
+from jumpvision.engine.system import Costly
 
 from .apart import Apart, apart, linear, lost_frames, variables
-from .patterns import Pattern, Scatter, Weighed, patterns, scatter, weigh
+from .patterns import Scatter, Weighed, patterns, scatter, weigh
 from .variables import LOST
 
 FULL = 6  # numbers whose values are fitted in full: those that take most from chi^2, linearly
+DEAR, MUCH = 2, 0.3  # the same where runs are dear, and the share of the excess that must go linearly
 KEPT, CLOSE = 4, 12.0  # patterns that are tried beside mechanisms; nats behind the best up to which they are
 CLEAR = 3.0  # standard uncertainties that a pattern's own coefficients must be off, beside a common value
 KINDS = 5  # of patterns, each as likely before
@@ -35,7 +37,7 @@ class Screen:
         first: dict[str, Weighed] = {}
         for w in self.weighed:
             first.setdefault(w.pattern.variable.name, w)
-        top = list(first.values())[:KEPT]
+        top = list(first.values())[: self.kept]
         return tuple(w for w in top if w.log_evidence > top[0].log_evidence - max(CLOSE, 0.1 * self._reach(top)))
 
     def _reach(self, top: Sequence[Weighed]) -> float:
@@ -43,6 +45,7 @@ class Screen:
         return top[0].log_evidence + 0.5 * self.base if top else 0.0
 
     base: float = 0.0
+    kept: int = KEPT
 
 
 def screen(problem: Problem, fit: Fit, without: Sequence[str] = ()) -> Screen:
@@ -50,13 +53,18 @@ def screen(problem: Problem, fit: Fit, without: Sequence[str] = ()) -> Screen:
     every = {n: v for n, v in variables(problem.system).items() if n not in without}
     about = problem.each([partial(linear, problem, fit, v) for n, v in every.items() if n != LOST])
     rough = sorted((a for a in about if a is not None), key=lambda a: a.chi2)
-    full = [apart(problem, fit, a.variable) for a in rough[:FULL]]
+    if isinstance(problem.system, Costly):
+        worth = [a for a in rough[:DEAR] if fit.chi2 - a.chi2 > MUCH * (fit.chi2 - problem.n)]
+        full = [apart(problem, fit, a.variable) for a in worth] + [a for a in rough if a not in worth]
+    else:
+        full = [apart(problem, fit, a.variable) for a in rough[:FULL]]
     if LOST in every:
         full.append(lost_frames(problem, fit))
     found = tuple(a for a in full if a is not None and math.isfinite(a.chi2))
+    kept = DEAR if isinstance(problem.system, Costly) else KEPT
     price = math.log(max(len(every), 1)) + math.log(KINDS)
     observations = problem.system.observations
     weighed = [w for a in found for p in patterns(a, observations) if (w := weigh(p, a)).significance > CLEAR]
     weighed.sort(key=lambda w: -w.log_evidence)
     scatters = sorted((s for a in found if (s := scatter(a)) is not None), key=lambda s: -s.log_evidence)
-    return Screen(found, tuple(weighed), tuple(scatters), price, fit.chi2)
+    return Screen(found, tuple(weighed), tuple(scatters), price, fit.chi2, kept)
