@@ -19,6 +19,7 @@ from jumpvision.engine.system import Costly, System
 
 from .variables import LOST, SINCE, Changes, Variable, Varying, faults_of, instruments, shown, shown_each
 
+MUCH = 0.3  # of the excess of chi^2 that must go linearly before runs are spent on it, where they are dear
 FEW_LAPS = 3  # of a system whose runs are dear
 LAPS = 15  # of Gauss-Newton at most; a recording that is far off is found by the grid before
 GRID = (-2.0, -1.0, -0.5, -0.2, 0.2, 0.5, 1.0, 2.0)  # spreads, at which a recording's first value is tried
@@ -271,6 +272,10 @@ def lost_frames(problem: Problem, fit: Fit) -> Apart | None:
     """The fit of frames lost, sought anew where they went missing once the shared parameters are free of them."""
     variable = instruments(problem.system.observations)[LOST]
     since = _lost_since(problem, fit, fit.values)
+    if isinstance(problem.system, Costly):
+        about = linear(problem, fit, variable, since)
+        if about is None or fit.chi2 - about.chi2 < MUCH * (fit.chi2 - problem.n):
+            return about
     found = apart(problem, fit, variable, since)
     for _ in range(2):
         if found is None or np.array_equal(again := _lost_since(problem, fit, found.shared), since):

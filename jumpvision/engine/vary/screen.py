@@ -10,12 +10,12 @@ from functools import partial
 from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.system import Costly
 
-from .apart import Apart, apart, linear, lost_frames, variables
+from .apart import MUCH, Apart, apart, linear, lost_frames, variables
 from .patterns import Scatter, Weighed, patterns, scatter, weigh
 from .variables import LOST
 
 FULL = 6  # numbers whose values are fitted in full: those that take most from chi^2, linearly
-DEAR, MUCH = 2, 0.3  # the same where runs are dear, and the share of the excess that must go linearly
+DEAR = 2  # the same where runs are dear, and patterns that are tried there
 KEPT, CLOSE = 4, 12.0  # patterns that are tried beside mechanisms; nats behind the best up to which they are
 CLEAR = 3.0  # standard uncertainties that a pattern's own coefficients must be off, beside a common value
 KINDS = 5  # of patterns, each as likely before
@@ -36,7 +36,8 @@ class Screen:
         """The best pattern of each number, none far behind the best of all."""
         first: dict[str, Weighed] = {}
         for w in self.weighed:
-            first.setdefault(w.pattern.variable.name, w)
+            if w.chi2 <= self.most:
+                first.setdefault(w.pattern.variable.name, w)
         top = list(first.values())[: self.kept]
         return tuple(w for w in top if w.log_evidence > top[0].log_evidence - max(CLOSE, 0.1 * self._reach(top)))
 
@@ -46,6 +47,7 @@ class Screen:
 
     base: float = 0.0
     kept: int = KEPT
+    most: float = math.inf  # chi^2 that a pattern may leave and still be tried
 
 
 def screen(problem: Problem, fit: Fit, without: Sequence[str] = ()) -> Screen:
@@ -61,10 +63,11 @@ def screen(problem: Problem, fit: Fit, without: Sequence[str] = ()) -> Screen:
     if LOST in every:
         full.append(lost_frames(problem, fit))
     found = tuple(a for a in full if a is not None and math.isfinite(a.chi2))
-    kept = DEAR if isinstance(problem.system, Costly) else KEPT
+    dear = isinstance(problem.system, Costly)
+    kept, most = (DEAR, fit.chi2 - MUCH * (fit.chi2 - problem.n)) if dear else (KEPT, math.inf)
     price = math.log(max(len(every), 1)) + math.log(KINDS)
     observations = problem.system.observations
     weighed = [w for a in found for p in patterns(a, observations) if (w := weigh(p, a)).significance > CLEAR]
     weighed.sort(key=lambda w: -w.log_evidence)
     scatters = sorted((s for a in found if (s := scatter(a)) is not None), key=lambda s: -s.log_evidence)
-    return Screen(found, tuple(weighed), tuple(scatters), price, fit.chi2, kept)
+    return Screen(found, tuple(weighed), tuple(scatters), price, fit.chi2, kept, most)
