@@ -19,7 +19,7 @@ from jumpvision.engine.system import Costly, System
 
 from .variables import LOST, SINCE, Changes, Variable, Varying, faults_of, instruments, shown, shown_each
 
-MUCH = 0.3  # of the excess of chi^2 that must go linearly before runs are spent on it, where they are dear
+MUCH = 0.5  # of the excess of chi^2 that must go linearly before runs are spent on it, where they are dear
 FEW_LAPS = 3  # of a system whose runs are dear
 LAPS = 15  # of Gauss-Newton at most; a recording that is far off is found by the grid before
 GRID = (-2.0, -1.0, -0.5, -0.2, 0.2, 0.5, 1.0, 2.0)  # spreads, at which a recording's first value is tried
