@@ -41,7 +41,10 @@ class StudyForms:
 def with_laws(system: Studied, *laws: Mechanism) -> Studied:
     """The same recordings and runs, with laws beside the study's mechanisms."""
     wider = dataclasses.replace(system.study, mechanisms=(*system.study.mechanisms, *laws))
-    return Studied(wider, system.recordings, system.readings, system.runs)
+    out = Studied(wider, system.recordings, system.readings, system.runs)
+    out.patterns, out.always, out.scattering = system.patterns, system.always, system.scattering
+    out.candidates |= {n: system.candidates[n] for n in system.patterns}
+    return out
 
 
 def estimates(form: Form, mechanism: Mechanism, fit: Fit) -> dict[str, record.Estimated]:

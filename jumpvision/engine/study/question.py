@@ -39,8 +39,10 @@ def diagnose(recordings: Sequence[Recording], study: Study | None, how: How | No
     try:
         system = studied(study, recordings, runs)
         found, stopped = _asked(system, how)
-        alone = _alone(found, system)
-        stated = found.law.system if found.law else system
+        asked = found.problem.system if found.problem else system
+        assert isinstance(asked, Studied)
+        alone = _alone(found, asked)
+        stated = found.law.system if found.law else asked
         assert isinstance(stated, Studied)
         data = document(found, StudySpeaker(stated, alone), stopped)
         object.__setattr__(data, "traces", traces(found, stated))

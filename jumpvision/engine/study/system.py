@@ -6,11 +6,13 @@ with the run that was made here; Broyden's rank-one update (Math. Comp. 19, 577,
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from numbers import Real
+from typing import Self
 
 import numpy as np
 import scipy
@@ -20,6 +22,10 @@ from jumpvision.base.schema import InputError
 from jumpvision.engine.noise.whitening import Whitening, axes
 from jumpvision.engine.series import places
 from jumpvision.engine.system import Block, Candidate, Circumstances, Observation, Parameter
+from jumpvision.engine.vary.candidates import candidate as pattern_candidate
+from jumpvision.engine.vary.candidates import changes_of, coefficient
+from jumpvision.engine.vary.patterns import Pattern, Weighed
+from jumpvision.engine.vary.variables import Changes, Variable, added, faults_of, shown_each
 
 from .learn import Readings
 from .processes import Ask
@@ -28,6 +34,7 @@ from .study import DELAYS, INSTRUMENT, Mechanism, Recording, Study
 
 OLD = 6  # times that a derivative is handed on
 LEAP = 3.0  # sigmas that its values may move in a round
+SPREAD, STEP = 0.1, 1e-3  # shares: what recordings may plausibly differ by at least, step of derivatives
 DUMMY = "chosen_"  # an alternative function without parameters has one that does nothing
 
 
@@ -71,6 +78,9 @@ class Studied:
         self.donors: dict[tuple[int, int], list[_Point]] = {}  # points with derivatives
         self.first = [np.array([_start(p.start, r) for p in self.each]) for r in self.recordings]
         self.settled: dict[tuple[object, ...], tuple[_Point, Array | float]] = {}
+        self.patterns: Mapping[str, Pattern] = {}
+        self.scattering: tuple[str, ...] = ()
+        self.always: Changes = {}  # of every prediction: about these, recordings scatter
         self.starts: dict[tuple[int, tuple[str, ...]], tuple[float, Array]] = {}  # the best so far: chi^2, values
 
     @property
@@ -151,27 +161,118 @@ class Studied:
         full = [values.get(n, self.rest[n]) if n in own else self.rest[n] for n in self.rest]
         return (1 + functions.index(chosen[0]) if chosen else 0), np.array(full)
 
+    @property
+    def variables(self) -> dict[str, Variable]:
+        """Parameters that are fitted to all recordings alike, and scales and zeros of single channels."""
+        out = {p.name: self._variable(p) for p in self.baseline if p.name in self.rest}
+        several = len(self.study.channels) > 1
+        for c, unit in zip(self.study.channels, self.units):
+            if several:
+                name = f"scale of {c.name}"
+                out[name] = Variable(name, 1.0, "1", 0.05, 1e-4, least=-0.9)
+            name, wide = f"zero of {c.name}", 0.05 * self._reach(c.name) * unit
+            if wide > 0:
+                out[name] = Variable(name, 0.0, c.unit or "1", wide, 0.01 * wide, relative=False)
+        return out
+
+    def _variable(self, p: Parameter) -> Variable:
+        wide = max(0.1 * (p.high - p.low), p.sigma if math.isfinite(p.sigma) else 0.0)
+        if not p.start:
+            return Variable(p.name, 0.0, p.unit or "1", wide, STEP * p.scale, relative=False)
+        share = min(max(wide / abs(p.start), SPREAD), 0.5)
+        return Variable(p.name, p.start, p.unit or "1", share, STEP, least=-0.9)
+
+    def _reach(self, channel: str) -> float:
+        """How far the readings of a channel go, in the observations' unit."""
+        each = [np.ptp(o.y[b]) for i, o in enumerate(self.observations) if (b := self._block(i, channel)) is not None]
+        return float(np.median(each)) if each else 0.0
+
+    def _block(self, i: int, channel: str) -> slice | None:
+        read = [c.name for c, m in zip(self.study.channels, self.masks[i].T) if m.sum() >= 2]
+        return self.observations[i].blocks[read.index(channel)].readings if channel in read else None
+
+    def varying(self, weighed: Sequence[Weighed], log_price: float = 0.0) -> Self:
+        """The same recordings with these patterns, by which numbers differ between them, beside the mechanisms."""
+        out = copy.copy(self)
+        out.patterns = {**self.patterns, **{w.pattern.name: w.pattern for w in weighed}}
+        out.candidates = {**self.candidates, **{w.pattern.name: pattern_candidate(w, log_price) for w in weighed}}
+        return out._anew()
+
+    def scattered(self, name: str, changes: Array) -> Self:
+        """The same recordings about these changes of a number, by which they differ without order."""
+        out = copy.copy(self)
+        out.always = added(self.always, {name: changes})
+        out.scattering = (*self.scattering, name)
+        return out._anew()
+
+    def _anew(self) -> Self:
+        """With no memory of where predictions ended; the runs are kept."""
+        self.settled, self.starts = {}, {}
+        return self
+
+    def changes(self, mechanisms: Sequence[str], values: Mapping[str, float]) -> Changes:
+        """Of each recording's own: what is always so, and the patterns among the mechanisms."""
+        return added(self.always, changes_of(self.patterns, mechanisms, values, len(self.recordings)))
+
     def predict(self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]) -> list[Array]:
         """Readings of these recordings, from the starts that suit each best; NaN where a run is to be avoided."""
+        return self.predict_apart(mechanisms, values, {}, which)
+
+    def predict_apart(
+        self, mechanisms: tuple[str, ...], values: Mapping[str, float], changes: Changes, which: Sequence[int]
+    ) -> list[Array]:
+        """`predict` with a change of each recording's own, beside those of the patterns among the mechanisms."""
         if (asked := self.call_of(mechanisms, values)) is None:
             return [np.full(self.observations[i].t.size, np.nan) for i in which]
-        found = self._found(asked, mechanisms, values, which)
-        return [self._turned(i, found[i][0].y, mechanisms, values) + found[i][1] for i in which]
+        changes = added(self.changes(mechanisms, values), changes)
+        found = self._found(asked, mechanisms, values, which, changes)
+        return [
+            self._reported(i, self._turned(i, found[i][0].y, mechanisms, values) + found[i][1], changes) for i in which
+        ]
+
+    def _reported(self, i: int, y: Array, changes: Changes, zeros: bool = True) -> Array:
+        """Readings (n,), or a change of them (without zeros), with the instruments' faults of this recording."""
+        for c, unit in zip(self.study.channels, self.units):
+            scale, zero = changes.get(f"scale of {c.name}"), changes.get(f"zero of {c.name}")
+            if (scale is None and zero is None) or (block := self._block(i, c.name)) is None:
+                continue
+            y = y.copy()
+            y[block] *= 1.0 if scale is None else 1.0 + float(scale[i])
+            y[block] += 0.0 if zero is None or not zeros else float(zero[i]) / unit
+        return shown_each(self.observations, [y], faults_of(changes), [i])[0]
+
+    def _moved(self, i: int, x: Array, changes: Changes) -> Array:
+        """The simulator's parameters with those of this recording that are its own, within what is possible."""
+        x, names = x.copy(), list(self.rest)
+        variables = self.variables if changes else {}
+        for n, c in changes.items():
+            if n in self.rest and n in variables and c[i]:
+                k = names.index(n)
+                x[k] = x[k] * (1.0 + float(c[i])) if variables[n].relative else x[k] + float(c[i])
+        return x
 
     def _found(
-        self, asked: tuple[int, Array], mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]
+        self,
+        asked: tuple[int, Array],
+        mechanisms: tuple[str, ...],
+        values: Mapping[str, float],
+        which: Sequence[int],
+        changes: Changes,
     ) -> dict[int, tuple[_Point, Array | float]]:
         """The run of each recording from the start that suits it, and the small change of its readings that is left."""
         function, x = asked
         key = (function, mechanisms, tuple(sorted(values.items())))
-        known = {i: self.settled[i, *key] for i in which if (i, *key) in self.settled}
-        at = {i: self._point(i, function, x, mechanisms) for i in which if i not in known}
+        own = {i: self._moved(i, x, changes) for i in which}
+        known = {
+            i: self.settled[i, own[i].tobytes(), *key] for i in which if (i, own[i].tobytes(), *key) in self.settled
+        }
+        at = {i: self._point(i, function, own[i], mechanisms) for i in which if i not in known}
         if self.each:
             at = {i: self._foreseen(i, function, full, mechanisms, values) for i, full in at.items()}
         found = dict(zip(at, self._run([(i, function, full) for i, full in at.items()])))
         left = self._settle(found, function, mechanisms, values) if self.each and found else {}
         new = {i: (p, left.get(i, 0.0)) for i, p in found.items()}
-        self.settled |= {(i, *key): p for i, p in new.items()}
+        self.settled |= {(i, own[i].tobytes(), *key): p for i, p in new.items()}
         return known | new
 
     def _point(self, i: int, function: int, x: Array, mechanisms: tuple[str, ...]) -> Array:
@@ -261,33 +362,83 @@ class Studied:
         self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]
     ) -> dict[str, list[Array]]:
         """d(reading)/d(what each recording has for itself)."""
-        if not self.each or (asked := self.call_of(mechanisms, values)) is None:
+        if (asked := self.call_of(mechanisms, values)) is None:
             return {}
-        found = {i: p for i, (p, _) in self._found(asked, mechanisms, values, which).items()}
+        changes = self.changes(mechanisms, values)
+        found = {i: p for i, (p, _) in self._found(asked, mechanisms, values, which, changes).items()}
         places = list(range(len(self.rest), len(self.names)))
-        columns = self._columns(found, asked[0], list(which), places)
-        return {
-            p.name: [self._turned(i, columns[i][k], mechanisms, values) for i in which] for k, p in enumerate(self.each)
+        columns = self._columns(found, asked[0], list(which), places) if places else {}
+        out = {
+            p.name: [
+                self._reported(i, self._turned(i, columns[i][k], mechanisms, values), changes, False) for i in which
+            ]
+            for k, p in enumerate(self.each)
         }
+        for n in self.scattering:
+            out[n] = [self._own(i, n, asked[0], found, mechanisms, values, changes) for i in which]
+        return out
+
+    def _own(
+        self,
+        i: int,
+        name: str,
+        function: int,
+        found: Mapping[int, _Point],
+        mechanisms: tuple[str, ...],
+        values: Mapping[str, float],
+        changes: Changes,
+    ) -> Array:
+        """d(reading)/d(change of a number in a recording): by the derivative of the simulator; without a run where it
+        is the instrument's."""
+        if name in self.rest:
+            k = list(self.rest).index(name)
+            column = self._columns({i: found[i]}, function, [i], [k])[i][0]
+            size = found[i].x[k] / (1.0 + self._change(name, i, changes)) if self.variables[name].relative else 1.0
+            return size * self._reported(i, self._turned(i, column, mechanisms, values), changes, False)
+        from jumpvision.engine.vary.apart import variable
+
+        step, none = variable(self, name).step, np.zeros(len(self.recordings))
+        y = self._turned(i, found[i].y, mechanisms, values)
+        ends = [self._reported(i, y, added(changes, {name: none + s * step})) for s in (1.0, -1.0)]
+        return np.asarray((ends[0] - ends[1]) / (2.0 * step))
+
+    def _change(self, name: str, i: int, changes: Changes) -> float:
+        return float(changes[name][i]) if name in changes else 0.0
 
     def derivatives(
         self, mechanisms: tuple[str, ...], free: Sequence[Parameter], values: Mapping[str, float], which: Sequence[int]
     ) -> list[Array]:
-        """d(reading)/d(parameter) (n, k); laws of the instruments need no run."""
+        """d(reading)/d(parameter) (n, k); laws of the instruments need no run, nor do coefficients of patterns where
+        the number is fitted."""
         asked = self.call_of(mechanisms, values)
         assert asked is not None
-        found = {i: p for i, (p, _) in self._found(asked, mechanisms, values, which).items()}
+        changes = self.changes(mechanisms, values)
+        found = {i: p for i, (p, _) in self._found(asked, mechanisms, values, which, changes).items()}
         inside = [p.name for p in free if p.name in self.rest]
         columns = self._columns(found, asked[0], list(which), [self.names.index(n) for n in inside])
-        out = []
+        coefficients = {
+            coefficient(m, k): (v.name, pattern.design[:, k])
+            for m in mechanisms
+            if (pattern := self.patterns.get(m)) is not None
+            for k, v in enumerate(pattern.variables)
+        }
+        variables, out = self.variables if changes else {}, []
         for i in which:
             here = dict(zip(inside, columns[i]))
-            turned = [
-                self._turned(i, here[p.name], mechanisms, values)
-                if p.name in here
-                else self._instrument(i, found[i].y, p, mechanisms, values)
-                for p in free
-            ]
+            turned = []
+            for p in free:
+                if p.name in coefficients:
+                    n, design = coefficients[p.name]
+                    own = self._own(i, n, asked[0], found, mechanisms, values, changes) if design[i] else 0.0
+                    turned.append(design[i] * own + np.zeros(self.observations[i].t.size))
+                elif p.name in here:
+                    y = self._turned(i, here[p.name], mechanisms, values)
+                    if p.name in variables and variables[p.name].relative:
+                        y = y * (1.0 + self._change(p.name, i, changes))
+                    turned.append(self._reported(i, y, changes, False))
+                else:
+                    y = self._instrument(i, found[i].y, p, mechanisms, values)
+                    turned.append(self._reported(i, y, changes, False))
             out.append(np.nan_to_num(np.stack(turned, axis=1)))
         return out
 

@@ -21,6 +21,8 @@ from jumpvision.engine.system import Costly, System
 
 from .variables import LOST, SINCE, Changes, Variable, Varying, faults_of, instruments, shown, shown_each
 
+MUCH = 0.5  # of the excess of chi^2 that must go linearly before runs are spent on it, where they are dear
+FEW_LAPS = 3  # of a system whose runs are dear
 LAPS = 15  # of Gauss-Newton at most; a recording that is far off is found by the grid before
 PATIENT = 3  # laps after which a number that cannot win is given up
 GRID = (-2.0, -1.0, -0.5, -0.2, 0.2, 0.5, 1.0, 2.0)  # spreads, at which a recording's first value is tried
@@ -100,6 +102,11 @@ class Each:
 
     def columns(self, shared: Array, change: Array, at: list[Array]) -> list[Array] | None:
         """d(prediction)/d(change), by recording."""
+        dear = isinstance(self.problem.system, Costly)
+        if dear and self.variable.name in self.names:  # a chord: the fit has it, and no run is needed
+            k = self.names.index(self.variable.name)
+            size = float(shared[k]) if self.variable.relative else 1.0
+            return [size * j[:, k] for j in self.fit.jacobian]
         h = self.variable.step
         for step in (h, -h):
             there = self.residuals(shared, change + step)
@@ -220,11 +227,12 @@ def apart(
         at, change, shared = list(fit.residuals), np.zeros(each.count), fit.values.copy()
     here = _Point(shared, change, at, _cost(each, at, shared, change, loose))
     jacobian: list[Array] | None = None
-    for lap in range(LAPS):
+    dear = isinstance(problem.system, Costly)
+    for lap in range(FEW_LAPS if dear else LAPS):
         if lap % 2 == 0:  # derivatives by the shared parameters serve two laps
             jacobian = each.jacobian(here.shared, here.change, here.residuals)
         normal = _normal(each, here, loose, jacobian)
-        there = None if normal is None else _stepped(each, here, normal, loose)
+        there = None if normal is None else _stepped(each, here, normal, loose, 2 if dear else 6)
         if there is None:
             break
         gained, here = here.cost - there.cost, there
@@ -242,7 +250,7 @@ def _cost(each: Each, residuals: list[Array], shared: Array, change: Array, loos
     return float(sum(r @ r for r in residuals) + pull @ pull + loose * change @ change)
 
 
-def _stepped(each: Each, here: _Point, normal: _Normal, loose: float) -> _Point | None:
+def _stepped(each: Each, here: _Point, normal: _Normal, loose: float, tries: int) -> _Point | None:
     """A step of Gauss-Newton, shorter where it does not lower chi^2, for each recording by itself."""
     step, change = normal.step(loose)
     change = np.clip(change, -each.variable.spread, each.variable.spread)
@@ -250,7 +258,7 @@ def _stepped(each: Each, here: _Point, normal: _Normal, loose: float) -> _Point 
     full[normal.free] = step
     low, high = (np.array([getattr(p, end) for p in each.fit.parameters]) for end in ("low", "high"))
     whole, share = 1.0, np.ones(each.count)
-    for _ in range(6):  # steps tried, ever shorter
+    for _ in range(tries):  # ever shorter
         shared = np.clip(here.shared + whole * full, low, high)
         moved = np.maximum(here.change + share * change, each.variable.least)
         there = each.residuals(shared, moved)
@@ -287,6 +295,10 @@ def lost_frames(problem: Problem, fit: Fit) -> Apart | None:
     """The fit of frames lost, sought anew where they went missing once the shared parameters are free of them."""
     variable = instruments(problem.system.observations)[LOST]
     since = _lost_since(problem, fit, fit.values)
+    if isinstance(problem.system, Costly):
+        about = linear(problem, fit, variable, since)
+        if about is None or fit.chi2 - about.chi2 < MUCH * (fit.chi2 - problem.n):
+            return about
     found = apart(problem, fit, variable, since)
     for _ in range(2):
         if found is None or np.array_equal(again := _lost_since(problem, fit, found.shared), since):

@@ -67,8 +67,6 @@ def set_aside(system: System, members: Sequence[int]) -> System:
 
 def odd_ones(problem: Problem, fit: Fit, rng: np.random.Generator) -> Odd | None:
     """The few recordings without which a model is adequate; None where there are none."""
-    if isinstance(problem.system, Costly):
-        return None
     count, members = len(problem.all), []
     rest = fit
     excess = fit.chi2 - problem.n
@@ -76,6 +74,8 @@ def odd_ones(problem: Problem, fit: Fit, rng: np.random.Generator) -> Odd | None
         worst = max((i for i in range(count) if i not in members), key=lambda i: _fall(rest, i))
         if not _strange(problem, worst, _fall(rest, worst)):
             return None
+        if isinstance(problem.system, Costly) and _fall(rest, worst) < HALF * excess:
+            return None  # without a run: leaving it out takes too little, linear about the fit
         members.append(worst)
         part = problem.asked_of(set_aside(problem.system, members))
         again = part.fit(fit.mechanisms, rest.named)
@@ -130,6 +130,8 @@ def described(problem: Problem, fit: Fit, i: int) -> Weighed | None:
     singles = [_Told((v,), x) for v in usable if (x := alone.fitted((v,), [*_grid(v), *_factors(v)])) is not None]
     if (found := _best(singles, alone, len(usable))) is not None:
         return found
+    if isinstance(problem.system, Costly):  # two by two takes more runs than the question
+        return None
     top = sorted(singles, key=lambda x: x.found.chi2)[:FEW]
     some = [(a.variables[0], b.variables[0]) for a, b in itertools.combinations(top, 2)]
     some += [p for p in itertools.combinations([v for v in usable if v.drive], 2) if p not in some]

@@ -10,12 +10,14 @@ from functools import partial
 import scipy
 
 from jumpvision.engine.fitting import Fit, Problem
+from jumpvision.engine.system import Costly
 
-from .apart import Apart, apart, linear, lost_frames, variables
+from .apart import MUCH, Apart, apart, linear, lost_frames, variables
 from .patterns import Scatter, Weighed, patterns, scatter, weigh
 from .variables import LOST
 
 FULL = 6  # numbers whose values are fitted in full: those that take most from chi^2, linearly
+DEAR = 2  # the same where runs are dear, and patterns that are tried there
 KEPT, CLOSE = 4, 12.0  # patterns that are tried beside mechanisms; nats behind the best up to which they are
 BEHIND, FAR = 4.0, 100.0  # excesses of chi^2 of the best, and chi^2, behind it up to which a number is looked at
 CLEAR = 3.0  # standard uncertainties that a pattern's own coefficients must be off, beside a common value
@@ -37,8 +39,9 @@ class Screen:
         """The best pattern of each number, none far behind the best of all."""
         first: dict[str, Weighed] = {}
         for w in self.weighed:
-            first.setdefault(w.pattern.variable.name, w)
-        top = list(first.values())[:KEPT]
+            if w.chi2 <= self.most:
+                first.setdefault(w.pattern.variable.name, w)
+        top = list(first.values())[: self.kept]
         return tuple(w for w in top if w.log_evidence > top[0].log_evidence - max(CLOSE, 0.1 * self._reach(top)))
 
     def _reach(self, top: Sequence[Weighed]) -> float:
@@ -46,6 +49,8 @@ class Screen:
         return top[0].log_evidence + 0.5 * self.base if top else 0.0
 
     base: float = 0.0
+    kept: int = KEPT
+    most: float = math.inf  # chi^2 that a pattern may leave and still be tried
 
 
 def screen(problem: Problem, fit: Fit, *, quick: bool = False) -> Screen:
@@ -53,22 +58,27 @@ def screen(problem: Problem, fit: Fit, *, quick: bool = False) -> Screen:
     every = variables(problem.system)
     about = problem.each([partial(linear, problem, fit, v) for n, v in every.items() if n != LOST])
     rough = sorted((a for a in about if a is not None), key=lambda a: a.chi2)
-    full: list[Apart | None] = [*rough] if quick else _in_full(problem, fit, rough[:FULL])
+    full: list[Apart | None] = [*rough] if quick else _in_full(problem, fit, rough)
     if LOST in every and not quick:
         full.append(lost_frames(problem, fit))
     found = tuple(a for a in full if a is not None and math.isfinite(a.chi2))
+    dear = isinstance(problem.system, Costly)
+    kept, most = (DEAR, fit.chi2 - MUCH * (fit.chi2 - problem.n)) if dear else (KEPT, math.inf)
     price = math.log(max(len(every), 1)) + math.log(KINDS)
     observations = problem.system.observations
     weighed = [w for a in found for p in patterns(a, observations) if (w := weigh(p, a)).significance > CLEAR]
     weighed.sort(key=lambda w: -w.log_evidence)
     scatters = sorted((s for a in found if (s := scatter(a)) is not None), key=lambda s: -s.log_evidence)
-    return Screen(found, tuple(weighed), tuple(scatters), price, fit.chi2)
+    return Screen(found, tuple(weighed), tuple(scatters), price, fit.chi2, kept, most)
 
 
 def _in_full(problem: Problem, fit: Fit, rough: Sequence[Apart]) -> list[Apart | None]:
     """The fits of these numbers; one that is far behind the best is given up."""
+    if isinstance(problem.system, Costly):  # only what takes much, linearly; the others as that has them
+        worth = [a for a in rough[:DEAR] if fit.chi2 - a.chi2 > MUCH * (fit.chi2 - problem.n)]
+        return [apart(problem, fit, a.variable) if any(a is w for w in worth) else a for a in rough]
     out: list[Apart | None] = []
-    for a in rough:
+    for a in rough[:FULL]:
         best = min((x.chi2 for x in out if x is not None), default=math.inf)
         give_up = best + BEHIND * max(best - problem.n, 0.0) + FAR
         out.append(apart(problem, fit, a.variable, give_up=give_up))

@@ -1,0 +1,77 @@
+"""What varies between the recordings of a user's own simulator is named there too, by few runs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import jumpvision as jv
+from jumpvision.engine.vary import explain
+from tests import test_any_simulator as pendulum
+
+T = np.arange(0.0, 2.0, 0.02)
+
+
+def cart(p, r):
+    """Speed and place of a damped spring cart let go at a place, exactly."""
+    rate, w2 = p["c"] / (2.0 * p["m"]), p["k"] / p["m"]
+    w = np.sqrt(w2 - rate**2)
+    x = r.inputs["x0"] * np.exp(-rate * r.t) * (np.cos(w * r.t) + rate / w * np.sin(w * r.t))
+    v = -r.inputs["x0"] * np.exp(-rate * r.t) * w2 / w * np.sin(w * r.t)
+    return {"x": x, "v": v}
+
+
+def study():
+    parameters = [
+        jv.Parameter("m", 1.0, sigma=0.02, unit="kg"),
+        jv.Parameter("k", 40.0, (20, 80), unit="N/m"),
+        jv.Parameter("c", 0.4, (0.1, 1.0), unit="N s/m"),
+    ]
+    return jv.Study(cart, parameters, [], [jv.Channel("x", "m", noise=1e-3), jv.Channel("v", "m/s", noise=6e-3)])
+
+
+def recordings(n=6, seed=3, mass=None, stiffness=None, scale=None):
+    rng, out = np.random.default_rng(seed), []
+    for i in range(n):
+        given = {"m": 1.0 if mass is None else mass[i], "k": 42.0 if stiffness is None else stiffness[i], "c": 0.38}
+        r = jv.Recording(f"run {i}", T, {}, {"x0": 0.1 + 0.02 * i}, order=i, session="a" if i < n // 2 else "b")
+        y = cart(given, r)
+        x = y["x"] * (1.0 if scale is None else scale[i]) + 1e-3 * rng.standard_normal(T.size)
+        values = {"x": x, "v": y["v"] + 6e-3 * rng.standard_normal(T.size)}
+        out.append(jv.Recording(r.name, T, values, r.inputs, order=i, session=r.session))
+    return out
+
+
+def told(found):
+    return [(v.parameter, str(v.kind), v.recordings) for v in found.varies]
+
+
+def test_nothing_wrong_is_adequate():
+    found = jv.diagnose(recordings(), study())
+    assert found.adequate and not found.varies
+
+
+def test_a_wrong_mass_in_one_run():
+    found = jv.diagnose(recordings(mass=[1, 1, 1, 1.3, 1, 1]), study())
+    assert [(p, k, r) for p, k, r in told(found)] == [("m", "odd", ("run 3",))], found.sentence
+    assert found.varies[0].value / found.varies[0].declared == pytest.approx(1.3, rel=0.02)
+    assert found.status == "complete"
+
+
+def test_a_stiffness_that_drifts():
+    found = jv.diagnose(recordings(stiffness=42.0 * (1.0 - 0.02 * np.arange(6))), study())
+    assert told(found)[0][:2] == ("k", "drift"), found.sentence
+
+
+def test_a_channel_s_scale_since_a_session():
+    found = jv.diagnose(recordings(scale=[1, 1, 1, 1.04, 1.04, 1.04]), study())
+    assert told(found)[0][0] == "scale of x" and set(told(found)[0][2]) == {"run 3", "run 4", "run 5"}, found.sentence
+
+
+def test_asking_what_varies_takes_few_runs(monkeypatch):
+    recorded, asked = pendulum.world(dry=0.3), pendulum.study()
+    with_it = jv.diagnose(recorded, asked)
+    monkeypatch.setattr(explain, "wider", lambda *a, **k: None)
+    without = jv.diagnose(recorded, asked)
+    assert with_it.named == without.named == ("dry_friction",) and not with_it.varies
+    assert without.runs.made < with_it.runs.made <= 1.5 * without.runs.made
