@@ -17,6 +17,7 @@ from jumpvision.engine.vary.variables import Variable
 from . import values as record
 from .varies import COMMAND, RECORDING
 
+
 def varies_of(d: Findings) -> tuple[record.Varies, ...]:
     """Every number that varies, the surest first."""
     if not d.varies or d.problem is None:
