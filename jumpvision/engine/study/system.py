@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from numbers import Real
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 import scipy
@@ -22,15 +22,15 @@ from jumpvision.base.schema import InputError
 from jumpvision.engine.noise.whitening import Whitening, axes
 from jumpvision.engine.series import places
 from jumpvision.engine.system import Block, Candidate, Circumstances, Observation, Parameter
-from jumpvision.engine.vary.candidates import candidate as pattern_candidate
-from jumpvision.engine.vary.candidates import changes_of, coefficient
-from jumpvision.engine.vary.patterns import Pattern, Weighed
-from jumpvision.engine.vary.variables import Changes, Variable, added, faults_of, shown_each
 
 from .learn import Readings
 from .processes import Ask
-from .runs import Runs
+from .runs import Runs, SimulatorError
 from .study import DELAYS, INSTRUMENT, Mechanism, Recording, Study
+
+if TYPE_CHECKING:  # imported where a number of a recording is its own: most questions have none
+    from jumpvision.engine.vary.patterns import Pattern, Weighed
+    from jumpvision.engine.vary.variables import Changes, Variable
 
 OLD = 6  # times that a derivative is handed on
 LEAP = 3.0  # sigmas that its values may move in a round
@@ -164,6 +164,8 @@ class Studied:
     @property
     def variables(self) -> dict[str, Variable]:
         """Parameters that are fitted to all recordings alike, and scales and zeros of single channels."""
+        from jumpvision.engine.vary.variables import Variable
+
         out = {p.name: self._variable(p) for p in self.baseline if p.name in self.rest}
         several = len(self.study.channels) > 1
         for c, unit in zip(self.study.channels, self.units):
@@ -176,6 +178,8 @@ class Studied:
         return out
 
     def _variable(self, p: Parameter) -> Variable:
+        from jumpvision.engine.vary.variables import Variable
+
         wide = max(0.1 * (p.high - p.low), p.sigma if math.isfinite(p.sigma) else 0.0)
         if not p.start:
             return Variable(p.name, 0.0, p.unit or "1", wide, STEP * p.scale, relative=False)
@@ -193,13 +197,17 @@ class Studied:
 
     def varying(self, weighed: Sequence[Weighed], log_price: float = 0.0) -> Self:
         """The same recordings with these patterns, by which numbers differ between them, beside the mechanisms."""
+        from jumpvision.engine.vary.candidates import candidate
+
         out = copy.copy(self)
         out.patterns = {**self.patterns, **{w.pattern.name: w.pattern for w in weighed}}
-        out.candidates = {**self.candidates, **{w.pattern.name: pattern_candidate(w, log_price) for w in weighed}}
+        out.candidates = {**self.candidates, **{w.pattern.name: candidate(w, log_price) for w in weighed}}
         return out._anew()
 
     def scattered(self, name: str, changes: Array) -> Self:
         """The same recordings about these changes of a number, by which they differ without order."""
+        from jumpvision.engine.vary.variables import added
+
         out = copy.copy(self)
         out.always = added(self.always, {name: changes})
         out.scattering = (*self.scattering, name)
@@ -212,6 +220,11 @@ class Studied:
 
     def changes(self, mechanisms: Sequence[str], values: Mapping[str, float]) -> Changes:
         """Of each recording's own: what is always so, and the patterns among the mechanisms."""
+        if not (self.always or self.patterns):
+            return {}
+        from jumpvision.engine.vary.candidates import changes_of
+        from jumpvision.engine.vary.variables import added
+
         return added(self.always, changes_of(self.patterns, mechanisms, values, len(self.recordings)))
 
     def predict(self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]) -> list[Array]:
@@ -224,14 +237,31 @@ class Studied:
         """`predict` with a change of each recording's own, beside those of the patterns among the mechanisms."""
         if (asked := self.call_of(mechanisms, values)) is None:
             return [np.full(self.observations[i].t.size, np.nan) for i in which]
-        changes = added(self.changes(mechanisms, values), changes)
-        found = self._found(asked, mechanisms, values, which, changes)
+        trial, changes = bool(changes), self._with(self.changes(mechanisms, values), changes)
+        try:
+            found = self._found(asked, mechanisms, values, which, changes)
+        except SimulatorError:
+            if not trial:
+                raise
+            return [np.full(self.observations[i].t.size, np.nan) for i in which]  # none that was asked for
         return [
             self._reported(i, self._turned(i, found[i][0].y, mechanisms, values) + found[i][1], changes) for i in which
         ]
 
+    @staticmethod
+    def _with(own: Changes, changes: Changes) -> Changes:
+        if not (own and changes):
+            return own or changes
+        from jumpvision.engine.vary.variables import added
+
+        return added(own, changes)
+
     def _reported(self, i: int, y: Array, changes: Changes, zeros: bool = True) -> Array:
         """Readings (n,), or a change of them (without zeros), with the instruments' faults of this recording."""
+        if not changes:
+            return y
+        from jumpvision.engine.vary.variables import faults_of, shown_each
+
         for c, unit in zip(self.study.channels, self.units):
             scale, zero = changes.get(f"scale of {c.name}"), changes.get(f"zero of {c.name}")
             if (scale is None and zero is None) or (block := self._block(i, c.name)) is None:
@@ -399,8 +429,20 @@ class Studied:
 
         step, none = variable(self, name).step, np.zeros(len(self.recordings))
         y = self._turned(i, found[i].y, mechanisms, values)
-        ends = [self._reported(i, y, added(changes, {name: none + s * step})) for s in (1.0, -1.0)]
+        ends = [self._reported(i, y, self._with(changes, {name: none + s * step})) for s in (1.0, -1.0)]
         return np.asarray((ends[0] - ends[1]) / (2.0 * step))
+
+    def _coefficients(self, mechanisms: Sequence[str]) -> dict[str, tuple[str, Array]]:
+        """Of the patterns among the mechanisms: (number, design (N,)) by the name of the parameter."""
+        chosen = {m: self.patterns[m] for m in mechanisms if m in self.patterns}
+        if not chosen:
+            return {}
+        from jumpvision.engine.vary.candidates import coefficient
+
+        each = [
+            (coefficient(m, k), v.name, p.design[:, k]) for m, p in chosen.items() for k, v in enumerate(p.variables)
+        ]
+        return {c: (name, column) for c, name, column in each}
 
     def _change(self, name: str, i: int, changes: Changes) -> float:
         return float(changes[name][i]) if name in changes else 0.0
@@ -416,12 +458,7 @@ class Studied:
         found = {i: p for i, (p, _) in self._found(asked, mechanisms, values, which, changes).items()}
         inside = [p.name for p in free if p.name in self.rest]
         columns = self._columns(found, asked[0], list(which), [self.names.index(n) for n in inside])
-        coefficients = {
-            coefficient(m, k): (v.name, pattern.design[:, k])
-            for m in mechanisms
-            if (pattern := self.patterns.get(m)) is not None
-            for k, v in enumerate(pattern.variables)
-        }
+        coefficients = self._coefficients(mechanisms)
         variables, out = self.variables if changes else {}, []
         for i in which:
             here = dict(zip(inside, columns[i]))
