@@ -255,7 +255,11 @@ class Order:
         beyond = extrapolation(problem, d.baseline, best, self.by[0], self._times) if self.by else {}
         from .worth.design import propose
 
-        proposal = propose(*self.offered(), naming.tried) if self.offered else None
+        # a motion not yet made has no numbers of its own
+        patterns = getattr(problem.system, "patterns", {})
+        tried = [e for e in naming.tried if not set(e.mechanisms) & set(patterns)]
+        whole = self.offered is not None and not set(naming.named) & set(patterns)
+        proposal = propose(*self.offered(), tried) if self.offered and whole else None
         seen = naming.best.detection if naming.named else found
         hidden = detectable(problem, best if naming.named else d.baseline, seen or found, self.rng)
         return replace(d, gain=worth, extrapolation=beyond, next_experiment=proposal, detectable=tuple(hidden))
@@ -268,10 +272,15 @@ class Order:
 
     def _gain(self, d: Findings) -> Gain | None:
         """Of the law with its form as it was found; else by the vocabulary, searched anew in every fold."""
+        problem = self.problem
+        if getattr(problem.system, "patterns", {}):
+            from .vary.explain import only
+
+            problem = only(problem, d.naming.named if d.naming else ())
         if d.law is None:
-            found = gain(self.problem, fit_baseline, self._times, self.rng, NEIGHBOURS, self.choose)
+            found = gain(problem, fit_baseline, self._times, self.rng, NEIGHBOURS, self.choose)
         else:
-            whole, rng = self.problem.asked_of(d.law.system), np.random.default_rng(LAW_SEED)
+            whole, rng = problem.asked_of(d.law.system), np.random.default_rng(LAW_SEED)
             found = gain(whole, fit_baseline, self._times, rng, NEIGHBOURS, d.law.fitted_anew)
         self.reached(replace(d, gain=found))
         return found

@@ -66,7 +66,7 @@ class Search:
         found, asked = self.tests[frozenset()], list(candidates)
         if self.quick:
             top = sorted(zip(map(abs, found.score), (d.mechanism for d in found.directions)), reverse=True)
-            asked = list(dict.fromkeys(m for _, m in top))[:4]  # single mechanisms that a quick search tries
+            asked = list(dict.fromkeys(m for _, m in top if not candidates[m].dear))[:4]  # that a quick search tries
         asked = [m for m in asked if not candidates[m].dear or self.asks_for(m)]
         begun = self.problem.each(partial(starts, self.problem, self.base, found, m) for m in asked)
         self.race([s for some in begun for s in some])

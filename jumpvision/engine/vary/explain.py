@@ -7,6 +7,7 @@ counts where that alone makes the model adequate and is likelier than every caus
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -127,6 +128,14 @@ def scattered(problem: Problem, seen: Screen, base: Fit, least: float, rng: np.r
         if not found.discrepant:
             return Scattered(with_it, fit, found, s)
     return None
+
+
+def only(problem: Problem, named: Sequence[str]) -> Problem:
+    """The problem without the patterns that are not named."""
+    kept = copy.copy(problem.system)
+    gone = patterns_of(problem).keys() - set(named)
+    kept.candidates = {n: c for n, c in problem.system.candidates.items() if n not in gone}  # type: ignore[misc]
+    return problem.asked_of(kept) if gone else problem
 
 
 def patterns_of(problem: Problem) -> dict[str, Pattern]:

@@ -16,6 +16,7 @@ from .apart import MUCH, Apart, apart, linear, lost_frames, variables
 from .patterns import Scatter, Weighed, patterns, scatter, weigh
 from .variables import LOST
 
+WORTH = 0.3  # share of the best linear fall of chi^2 that a number must take, linearly, to be fitted in full
 FULL = 6  # numbers whose values are fitted in full: those that take most from chi^2, linearly
 DEAR = 2  # the same where runs are dear, and patterns that are tried there
 KEPT, CLOSE = 4, 12.0  # patterns that are tried beside mechanisms; nats behind the best up to which they are
@@ -78,7 +79,8 @@ def _in_full(problem: Problem, fit: Fit, rough: Sequence[Apart]) -> list[Apart |
         worth = [a for a in rough[:DEAR] if fit.chi2 - a.chi2 > MUCH * (fit.chi2 - problem.n)]
         return [apart(problem, fit, a.variable) if any(a is w for w in worth) else a for a in rough]
     out: list[Apart | None] = []
-    for a in rough[:FULL]:
+    least = fit.chi2 - WORTH * (fit.chi2 - min((a.chi2 for a in rough), default=fit.chi2))
+    for a in (x for x in rough[:FULL] if x.chi2 <= least):
         best = min((x.chi2 for x in out if x is not None), default=math.inf)
         give_up = best + BEHIND * max(best - problem.n, 0.0) + FAR
         out.append(apart(problem, fit, a.variable, give_up=give_up))
