@@ -156,7 +156,7 @@ def test_the_command_writes_asks_again_and_tells_each_line(tmp_path, capsys, mon
 
     def work(path, options, **_):
         found = answers.pop(0)
-        return SimpleNamespace(diagnosis=found, campaign=open_campaign(tmp_path), files=[], failed=False)
+        return SimpleNamespace(diagnosis=found, campaign=open_campaign(tmp_path), files=[], failed=False, outcomes=())
 
     monkeypatch.setattr(folders, "work", work)
     assert folders.diagnose(tmp_path) == folders.DONE
