@@ -76,6 +76,8 @@ def _level(v: Varies, words: Words) -> str:
     """Of recordings that share a value: "the scale of the camera is 4.0 % larger"."""
     if not v.declared:
         return f"{_called(v, words)} is {_absolute(v)}"
+    if not 0.5 <= (ratio := v.value / v.declared) <= 2.0:  # a slip of a factor reads as one
+        return f"{_called(v, words)} is {ratio:.3g} times what is declared"
     return f"{_called(v, words)} is {_share(v)} {'larger' if v.value > v.declared else 'smaller'}"
 
 
