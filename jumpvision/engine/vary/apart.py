@@ -154,6 +154,8 @@ class _Normal:
         return np.asarray(np.linalg.solve(self.inner, x)) if self.inner.size else x
 
     def step(self, loose: float) -> tuple[Array, Array]:
+        if not self.own.any():  # a number that changes nothing
+            return self._solved(self.slope), np.zeros(self.own.size)
         right = self.pull - self.mixed.T @ self._solved(self.slope)
         least = loose + 1e-10 * float(np.max(self.own))  # a change of all alike may be one of the shared parameters
         change = scipy.linalg.solve(self.information + least * np.eye(self.own.size), right, assume_a="sym")
@@ -197,6 +199,18 @@ def linear(problem: Problem, fit: Fit, variable: Variable, since: Array | None =
     right = normal.pull - normal.mixed.T @ normal._solved(normal.slope)
     fall = float(2.0 * right @ change - change @ normal.information @ change)
     return Apart(variable, change, normal.information, fit.chi2 - fall, fit.values, each.names, since)
+
+
+def beside(problem: Problem, fit: Fit, variable: Variable, since: Array | None = None) -> Apart | None:
+    """Every recording's own change about a fit by itself, linearly, with what is shared as it is."""
+    each = Each(problem, fit, variable, since)
+    columns = each.columns(fit.values, np.zeros(each.count), fit.residuals)
+    if columns is None:
+        return None
+    own = np.array([float(c @ c) for c in columns])
+    pull = np.array([float(c @ r) for c, r in zip(columns, fit.residuals)])
+    change = np.where(own > 0.0, pull / np.maximum(own, 1e-300), 0.0)
+    return Apart(variable, change, np.diag(own), fit.chi2, fit.values, each.names, since)
 
 
 class _Point(NamedTuple):

@@ -22,7 +22,7 @@ from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.naming import Naming
 from jumpvision.engine.search import log_prior
 
-from .apart import Apart, linear
+from .apart import Apart, beside
 from .candidates import coefficient
 from .odd import Odd, odd_ones
 from .patterns import Pattern, Scatter, Weighed
@@ -156,6 +156,6 @@ def varied(problem: Problem, naming: Naming, base: Fit) -> tuple[Varied, ...]:
         fall = float(values @ np.linalg.solve(covariance, values))
         price = problem.system.candidates[m].price
         chance = min(1.0, math.exp(min(price, 300.0)) * float(scipy.stats.chi2.sf(fall, len(at))))
-        each = linear(problem, fit, p.variable, p.since)
+        each = beside(problem, fit, p.variable, p.since)
         out.append(Varied(p, values, covariance, chance, each))
     return tuple(sorted(out, key=lambda v: v.p_value))

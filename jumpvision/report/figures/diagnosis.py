@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from jumpvision.base.arrays import Z95
 from jumpvision.engine.detect import LEVEL
 from jumpvision.engine.document.diagnosis import Diagnosis
+from jumpvision.engine.document.document import titles
 from jumpvision.engine.document.values import Cell, Discovered, Varies
 from jumpvision.engine.laws.expression import parse
 from jumpvision.engine.order import Findings
@@ -205,7 +206,8 @@ def beyond(cells: Sequence[Cell]) -> list[Cell]:
 def _causes(ax: Axes, d: Findings) -> None:
     assert d.naming
     tried = d.naming.tried[:BARS]
-    names = ["\n+ ".join(spoken(m) for m in e.mechanisms) or "baseline" for e in tried]
+    called = titles(d)
+    names = ["\n+ ".join(spoken(called.get(m, m)) for m in e.mechanisms) or "baseline" for e in tried]
     score = [max(e.fit.chi2 / sum(r.size for r in e.fit.residuals), 1e-3) for e in tried]
     colors = [GREEN if e is d.naming.best and d.naming.named else QUIET for e in tried]
     ax.barh(range(len(tried)), score, color=colors)
