@@ -102,7 +102,7 @@ def _at(p: Pattern, observations: Sequence[Observation]) -> dict[str, float | st
     if p.at is not None:
         return {o.name: float(a) for o, a in zip(observations, p.at) if math.isfinite(a)}
     if p.of == "session":
-        return {o.name: o.circumstances.session or "" for o in observations}
+        return {o.name: o.circumstances.session for o in observations if o.circumstances.session}
     return {o.name: x for o in observations if (x := o.circumstances.labels.get(p.of or "")) is not None}
 
 
