@@ -145,7 +145,7 @@ class Order:
         tried = len(self.problem.system.candidates)
         self.say(f"discrepant (p = {d.detection.p_value:.2g}): asking which numbers vary")
         wide = self._wider(d.baseline)
-        if wide is not None and wide.odd is not None and wide.odd.exchanged:
+        if wide is not None and wide.odd is not None and wide.odd.explained:
             return self._without(d, wide.odd)
         order = self if wide is None else replace(self, problem=wide.problem)
         self.say(f"trying {tried} mechanisms")
@@ -202,7 +202,9 @@ class Order:
         from .vary.odd import set_aside
 
         part = self.problem.asked_of(set_aside(self.problem.system, odd.members))
-        return replace(d, varies=explain.Varies(aside=odd.members, commands=odd.commands), problem=part)
+        return replace(
+            d, varies=explain.Varies(aside=odd.members, commands=odd.commands, slips=odd.slips), problem=part
+        )
 
     def _again(self, found: Findings) -> tuple[Order, Findings]:
         """What is named with what varies about it, where that explains more."""

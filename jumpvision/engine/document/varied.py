@@ -27,7 +27,12 @@ def varies_of(d: Findings) -> tuple[record.Varies, ...]:
     out = [v for x in d.varies.patterns for v in _pattern(x, observations, fitted)]
     if d.varies.scatter:
         out.append(_scatter(d.varies.scatter, observations, fitted))
-    out += [_aside(i, d, observations) for i in d.varies.aside]
+    for i in d.varies.aside:
+        if (w := d.varies.slips.get(i)) is None:
+            out.append(_aside(i, d, observations))
+        else:
+            far = Varied(w.pattern, w.coefficients, w.covariance, d.detection.p_value, None)
+            out += _pattern(far, observations, fitted)
     return tuple(out)
 
 

@@ -48,12 +48,13 @@ class Varied:
 @dataclass(frozen=True)
 class Varies:
     """What varies: patterns that are named; scatter; recordings that no number of theirs explains, set aside;
-    those of them that were driven by the command of another."""
+    those of them that were driven by the command of another, or have a number that is far off."""
 
     patterns: tuple[Varied, ...] = ()
     scatter: Scatter | None = None
     aside: tuple[int, ...] = ()
     commands: Mapping[int, int] = field(default_factory=dict)
+    slips: Mapping[int, Weighed] = field(default_factory=dict)
 
     def only_odd(self, named: Sequence[str]) -> bool:
         """Whether all that is named is of recordings that stand apart."""
@@ -79,7 +80,7 @@ def wider(problem: Problem, about: Fit, rng: np.random.Generator, worth: float =
     seen = screen(problem, about)
     few = odd_ones(problem, about, rng)
     offered = [w for w in seen.promising if _gain(w, seen) > worth]
-    told = [w for w in few.described if w is not None] if few else []
+    told = [*few.described] if few else []
     offered = [*told, *(w for w in offered if w.pattern.name not in {x.pattern.name for x in told})]
     system = problem.system.varying(offered, seen.log_price) if offered else problem.system
     return Wider(problem.asked_of(system), seen, few)

@@ -27,23 +27,26 @@ HALF = 0.5  # of the excess of chi^2 that must go with each recording left out, 
 FACTORS = (10.0, 0.1, 100.0, 0.01, 1000.0, 1e-3, 2.0, 0.5, 2.0 * math.pi, 0.5 / math.pi, 9.81, 1.0 / 9.81)  # of a slip
 FEW = 6  # numbers that are tried two by two: those that alone do best
 SINGLE = 1e-3  # chance below which a recording stands apart, or is not described by its numbers
+SLIP = 1e-3  # share of its chi^2 that a recording may keep where a number of it is far off
 LAPS = 12
 
 
 @dataclass(frozen=True)
 class Odd:
-    """members: recordings without which the model is adequate; fit: of the others. described: of each the numbers that
-    mend it, None where none do. commands: by which command a member was driven, of which other recording."""
+    """members: recordings without which the model is adequate; fit: of the others. described: numbers that
+    mend it, None where none do. commands: by which command a member was driven, of which other recording. slips: numbers
+    that are off by so much that they take nearly all of a member's misfit, though not all of it."""
 
     members: tuple[int, ...]
     fit: Fit
-    described: tuple[Weighed | None, ...]
+    described: tuple[Weighed, ...]
     commands: Mapping[int, int]
+    slips: Mapping[int, Weighed]
 
     @property
-    def exchanged(self) -> bool:
-        """Whether every one of them moves as another was to be driven."""
-        return all(i in self.commands for i in self.members)
+    def explained(self) -> bool:
+        """Whether every one of them moves as another was to be driven, or has a number that is far off."""
+        return all(i in self.commands or i in self.slips for i in self.members)
 
 
 @runtime_checkable
@@ -85,9 +88,15 @@ def odd_ones(problem: Problem, fit: Fit, rng: np.random.Generator) -> Odd | None
         if not detect(part, rest, (), rng).discrepant:
             found = tuple(sorted(members))
             commands = {i: j for i in found if (j := command_of(problem, rest, i)) is not None}
-            numbers = tuple(None if i in commands else described(problem, rest, i) for i in found)
-            return Odd(found, rest, numbers, commands)
+            numbers = {i: w for i in found if i not in commands and (w := described(problem, rest, i)) is not None}
+            slips = {i: w for i, w in numbers.items() if not _describes(problem, i, w.chi2)}
+            return Odd(found, rest, tuple(w for i, w in numbers.items() if i not in slips), commands, slips)
     return None
+
+
+def _describes(problem: Problem, i: int, chi2: float) -> bool:
+    """Whether a recording's chi^2 is such as noise makes it."""
+    return bool(scipy.stats.chi2.sf(chi2, problem.system.observations[i].independent) >= SINGLE)
 
 
 def command_of(problem: Problem, fit: Fit, i: int) -> int | None:
@@ -187,8 +196,8 @@ def _best(tried: Sequence[_Told], alone: _Alone, count: int) -> Weighed | None:
     if not tried:
         return None
     best = max(tried, key=lambda x: x.log_evidence)
-    n = alone.problem.system.observations[alone.i].independent
-    if scipy.stats.chi2.sf(best.found.chi2, n) < SINGLE:
+    slip = best.found.chi2 < SLIP * alone.chi2((), np.zeros(0))
+    if not (slip or _describes(alone.problem, alone.i, best.found.chi2)):
         return None
     design = np.zeros((len(alone.problem.all), len(best.variables)))
     design[alone.i] = 1.0
