@@ -202,9 +202,8 @@ class Order:
         from .vary.odd import set_aside
 
         part = self.problem.asked_of(set_aside(self.problem.system, odd.members))
-        return replace(
-            d, varies=explain.Varies(aside=odd.members, commands=odd.commands, slips=odd.slips), problem=part
-        )
+        without = explain.Varies(aside=odd.members, commands=odd.commands, slips=odd.slips)
+        return replace(d, varies=without, problem=part)
 
     def _again(self, found: Findings) -> tuple[Order, Findings]:
         """What is named with what varies about it, where that explains more."""

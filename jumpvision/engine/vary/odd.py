@@ -33,9 +33,9 @@ LAPS = 12
 
 @dataclass(frozen=True)
 class Odd:
-    """members: recordings without which the model is adequate; fit: of the others. described: numbers that
-    mend it, None where none do. commands: by which command a member was driven, of which other recording. slips: numbers
-    that are off by so much that they take nearly all of a member's misfit, though not all of it."""
+    """members: recordings without which the model is adequate; fit: of the others. described: numbers of some that mend
+    them. commands: by which command a member was driven, of which other recording. slips: numbers that are off by so
+    much that they take nearly all of a member's misfit, though not all of it."""
 
     members: tuple[int, ...]
     fit: Fit
