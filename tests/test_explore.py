@@ -677,9 +677,9 @@ def test_it_tells_twins_apart_and_takes_up_a_killed_call(tmp_path, capsys):
     assert main(call) == 0
     first = read_history(results)
     asked, also = first.rounds[0].proposed
-    assert (
-        asked.separates == ("motor_lag", "time_offset") and (out / asked.name).is_dir() and (out / also.name).is_dir()
-    )
+    # a loop of second order is as like a lag as a late film is
+    assert asked.separates[0] == "motor_lag" and asked.separates[1] in ("time_offset", "loop_bandwidth")
+    assert (out / asked.name).is_dir() and (out / also.name).is_dir()
     shutil.rmtree(out / asked.name)
     assert main([*call, "--laboratory"]) == 0
     history = read_history(results)
