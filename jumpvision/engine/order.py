@@ -21,7 +21,7 @@ from .detect import Cell, Detectable, Detection, detect, detectable, directions,
 from .discovery import Law, Laws
 from .fitting import Fit, Problem
 from .naming import Naming, name
-from .system import Costly, Parameter, System
+from .system import Costly, Parameter, System, patterns_of
 from .worth.gain import Choose, Gain, extrapolation, gain
 
 if TYPE_CHECKING:  # imported where they are asked for: most questions end before
@@ -193,7 +193,7 @@ class Order:
             said = explain.Varies(scatter=s.scatter)
             return replace(d, baseline=s.baseline, detection=s.detection, varies=said, problem=s.problem)
         if complete or wide.odd is None:
-            return replace(found, varies=explain.Varies(explain.varied(problem, naming, d.baseline)))
+            return replace(found, varies=explain.Varies(explain.varied(problem, naming)))
         return self._without(d, wide.odd)
 
     def _without(self, d: Findings, odd: Odd) -> Findings:
@@ -220,7 +220,7 @@ class Order:
         assert more.naming is not None
         if more.naming.status == Status.UNDETERMINED:
             return self, found
-        return order, replace(more, varies=explain.Varies(explain.varied(order.problem, more.naming, found.baseline)))
+        return order, replace(more, varies=explain.Varies(explain.varied(order.problem, more.naming)))
 
     def beyond(self, d: Findings) -> Findings:
         """What is named, with what describes the rest: a law of no list, else generic forces; nothing where nothing is
@@ -257,7 +257,7 @@ class Order:
         from .worth.design import propose
 
         # a motion not yet made has no numbers of its own
-        patterns = getattr(problem.system, "patterns", {})
+        patterns = patterns_of(problem.system)
         tried = [e for e in naming.tried if not set(e.mechanisms) & set(patterns)]
         whole = self.offered is not None and not set(naming.named) & set(patterns)
         proposal = propose(*self.offered(), tried) if self.offered and whole else None
@@ -274,7 +274,7 @@ class Order:
     def _gain(self, d: Findings) -> Gain | None:
         """Of the law with its form as it was found; else by the vocabulary, searched anew in every fold."""
         problem = self.problem
-        if getattr(problem.system, "patterns", {}):
+        if patterns_of(problem.system):
             from .vary.explain import only
 
             problem = only(problem, d.naming.named if d.naming else ())

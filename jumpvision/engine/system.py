@@ -191,6 +191,11 @@ def parameters(system: System, mechanisms: Sequence[str]) -> tuple[Parameter, ..
     return tuple(out.values())
 
 
+def patterns_of(system: System) -> Mapping[str, Any]:
+    """Ways in which numbers may vary (`vary.patterns.Pattern`) among the candidates of a system, by name."""
+    return getattr(system, "patterns", {})
+
+
 def at_a_time(system: System) -> int:
     """Questions that a system answers at a time: its `workers`, or one."""
     return getattr(system, "workers", 1)

@@ -19,7 +19,7 @@ from jumpvision.engine.fitting import Fit
 from jumpvision.engine.naming import likely
 from jumpvision.engine.order import Findings
 from jumpvision.engine.search import MOST
-from jumpvision.engine.system import Parameter, System
+from jumpvision.engine.system import Parameter, System, patterns_of
 from jumpvision.engine.worth.gain import Gain
 
 from . import values as record
@@ -130,7 +130,7 @@ def forces(d: Findings, names: Sequence[str]) -> tuple[str, ...]:
 
 def patterns(d: Findings) -> Mapping[str, Pattern]:
     """Ways in which numbers may vary, among the candidates."""
-    return getattr(d.problem.system, "patterns", {}) if d.problem else {}
+    return patterns_of(d.problem.system) if d.problem else {}
 
 
 def titles(d: Findings) -> Mapping[str, str]:
@@ -192,7 +192,7 @@ def with_law(data: Diagnosis, law: Law) -> Diagnosis:
     look_at = data.left_over.look_at if data.left_over and law.status is record.Status.PARTIAL else ()
     return replace(
         data,
-        named=tuple(m for m in law.fit.mechanisms[:-1] if m not in getattr(law.system, "patterns", {})),
+        named=tuple(m for m in law.fit.mechanisms[:-1] if m not in patterns_of(law.system)),
         status=law.status,
         left_over=record.LeftOver(law.found.detection.chi2_per_dof, 1.0 - law.found.r2, 1.0, look_at),
         indistinguishable=(),

@@ -86,6 +86,11 @@ def _value(v: Variable, change: float, fitted: Mapping[str, float]) -> float:
     return level * (1.0 + change) if v.relative else level + change
 
 
+def _size(v: Variable, fitted: Mapping[str, float]) -> float:
+    """Of the number, a change of 1."""
+    return abs(fitted.get(v.name, v.declared)) if v.relative else 1.0
+
+
 def _each(
     x: Varied, v: Variable, observations: Sequence[Observation], fitted: Mapping[str, float]
 ) -> dict[str, tuple[float, float]]:
@@ -98,8 +103,8 @@ def _each(
 def _values(
     changes: Array, sigma: Array, v: Variable, observations: Sequence[Observation], fitted: Mapping[str, float]
 ) -> dict[str, tuple[float, float]]:
-    size = abs(fitted.get(v.name, v.declared)) if v.relative else 1.0
-    each = zip(observations, changes, sigma)
+    size = _size(v, fitted)
+    each = zip(observations, changes, sigma)  # a recording that tells nothing of it is known to the spread before
     return {o.name: (_value(v, float(c), fitted), float(min(s, v.spread)) * size) for o, c, s in each}
 
 
@@ -117,7 +122,7 @@ def _source(of: str | None, observations: Sequence[Observation]) -> str:
 
 def _scatter(s: Scatter, observations: Sequence[Observation], fitted: Mapping[str, float]) -> record.Varies:
     v = s.variable
-    size = abs(fitted.get(v.name, v.declared)) if v.relative else 1.0
+    size = _size(v, fitted)
     return record.Varies(
         parameter=v.name,
         kind=record.Pattern.SCATTER,
@@ -128,7 +133,7 @@ def _scatter(s: Scatter, observations: Sequence[Observation], fitted: Mapping[st
         high=s.high * size,
         unit=v.unit or "1",
         declared=fitted.get(v.name, v.declared),
-        p_value=min(1.0, math.exp(-min(max(s.gained, 0.0), 700.0))),
+        p_value=min(1.0, math.exp(-min(max(s.gained, 0.0), 700.0))),  # odds are as great by noise alone no oftener
         established=True,
         each=_values(s.apart.change, s.apart.sigma, v, observations, fitted),
     )

@@ -22,9 +22,9 @@ def varies_in_words(v: Varies, words: Words) -> str:
     if v.unit == FRAMES and v.kind is not Pattern.SCATTER:
         return _lost(v)
     if v.kind is Pattern.ODD and v.parameter == COMMAND:
-        return f"{v.recordings[0]} was driven as {v.at[v.recordings[0]]} was to be, not as its {words.declared_in}"
+        return f"{v.recordings[0]} follows the command of {v.at[v.recordings[0]]}, not what its {words.declared_in}"
     if v.kind is Pattern.ODD and v.parameter == RECORDING:
-        return f"{some(v.recordings)} does not fit, whichever of its numbers is changed"
+        return f"{some(v.recordings)} does not fit, and no single number of it explains why"
     if v.kind is Pattern.ODD:
         return _not_driven([v], words) if v.parameter in words.drive else f"{_level(v, words)} in {some(v.recordings)}"
     if v.kind is Pattern.SCATTER:

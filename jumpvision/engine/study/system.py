@@ -425,9 +425,9 @@ class Studied:
             column = self._columns({i: found[i]}, function, [i], [k])[i][0]
             size = found[i].x[k] / (1.0 + self._change(name, i, changes)) if self.variables[name].relative else 1.0
             return size * self._reported(i, self._turned(i, column, mechanisms, values), changes, False)
-        from jumpvision.engine.vary.apart import variable
+        from jumpvision.engine.vary.apart import variables
 
-        step, none = variable(self, name).step, np.zeros(len(self.recordings))
+        step, none = variables(self)[name].step, np.zeros(len(self.recordings))
         y = self._turned(i, found[i].y, mechanisms, values)
         ends = [self._reported(i, y, self._with(changes, {name: none + s * step})) for s in (1.0, -1.0)]
         return np.asarray((ends[0] - ends[1]) / (2.0 * step))

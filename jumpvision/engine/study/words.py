@@ -30,8 +30,19 @@ class StudySpeaker:
     heights: ClassVar[bool] = False
 
     def model(self, fit: Fit) -> record.Model:
-        values = {n: v for n, v in fit.named.items() if not n.startswith(DUMMY)}
-        return record.Model((model_name(self.system), *fit.mechanisms), values)
+        own = self._of_recordings
+        values = {n: v for n, v in fit.named.items() if not n.startswith(DUMMY) and n not in own}
+        mechanisms = (m for m in fit.mechanisms if m not in self.system.patterns)
+        return record.Model((model_name(self.system), *mechanisms), values)
+
+    @property
+    def _of_recordings(self) -> set[str]:
+        """Parameters by which recordings differ: `varies` tells them."""
+        if not self.system.patterns:
+            return set()
+        from jumpvision.engine.vary.candidates import coefficients_of
+
+        return coefficients_of(self.system.patterns)
 
     def parameters(self, fit: Fit, mechanism: str) -> dict[str, record.Parameter]:
         return intervals(fit, [p.name for p in self.system.candidates[mechanism].parameters])
@@ -54,7 +65,7 @@ class StudySpeaker:
             confirmation=tuple(rows),
             without_films=record.WithoutFilms(alone.named, alone.chi2) if alone and apart else None,
             unit=channels[0].unit or "1" if len(channels) == 1 else SEVERAL,
-            fitted=intervals(d.best, [p.name for p in d.best.parameters]),
+            fitted=intervals(d.best, [n for n in d.best.named if n not in self._of_recordings]),
             lacks={name: m.lacks for name, m in self.system.mechanisms.items()},
             runs=record.Runs(count.made, count.kept, count.seconds, tuple(str(f) for f in count.failures)),
         )

@@ -19,7 +19,7 @@ from jumpvision.base.arrays import Array
 from jumpvision.engine.fitting import STEP, Fit, Problem
 from jumpvision.engine.system import Costly, System
 
-from .variables import LOST, SINCE, Changes, Variable, Varying, faults_of, instruments, shown, shown_each
+from .variables import LOST, SINCE, Changes, Variable, Varying, instruments, shown
 
 MUCH = 0.5  # of the excess of chi^2 that must go linearly before runs are spent on it, where they are dear
 FEW_LAPS = 3  # of a system whose runs are dear
@@ -63,8 +63,8 @@ class Apart:
 
 def variables(system: System) -> dict[str, Variable]:
     """All that may differ from recording to recording."""
-    own = dict(system.variables) if isinstance(system, Varying) else {}
-    return own | instruments(system.observations)
+    assert isinstance(system, Varying)
+    return {**system.variables, **instruments(system.observations)}
 
 
 def predicted(
@@ -74,12 +74,9 @@ def predicted(
     changes: Changes,
     which: Sequence[int],
 ) -> list[Array]:
-    """What a system predicts of these recordings with the changes of each, the instrument's applied to what it says."""
-    faults = faults_of(changes)
-    inner = {n: c for n, c in changes.items() if n not in faults}
-    if isinstance(system, Varying) and (inner or not isinstance(system, Costly)):
-        return system.predict_apart(mechanisms, values, changes, which)
-    return shown_each(system.observations, system.predict(mechanisms, values, which), faults, which)
+    """What a system predicts of these recordings with the changes of each."""
+    assert isinstance(system, Varying)
+    return system.predict_apart(mechanisms, values, changes, which)
 
 
 class Each:
@@ -169,7 +166,7 @@ def _normal(each: Each, here: _Point, loose: float, jacobian: list[Array] | None
         return None
     jac, known = jacobian or each.jacobian(shared, change, at), each.fit.known
     inner = sum((j.T @ j for j in jac), known.precision)
-    inner = inner + 1e-9 * np.diag(np.diag(inner)) + 1e-300 * np.eye(shared.size)
+    inner = inner + 1e-9 * np.diag(np.diag(inner)) + 1e-300 * np.eye(shared.size)  # a parameter may change nothing
     slope = sum((j.T @ a for j, a in zip(jac, at)), known.rows.T @ known.pull(shared))
     mixed = np.stack([j.T @ c for j, c in zip(jac, columns)], axis=1)
     own = np.array([float(c @ c) for c in columns])
@@ -323,22 +320,18 @@ def lost_frames(problem: Problem, fit: Fit) -> Apart | None:
 
 
 def _lost_since(problem: Problem, fit: Fit, shared: Array) -> Array:
-    """(N,) when in each recording frames were lost, if any were [s]: where a shift of all that follows takes most."""
-    system, step = problem.system, 1.0
+    """(N,) when in each recording frames were lost, if any were [s]: where a shift of all that follows by one frame
+    takes most."""
+    system = problem.system
     values = dict(zip((p.name for p in fit.parameters), shared.tolist()))
     predictions = system.predict(fit.mechanisms, values, problem.all)
     out = np.zeros(len(problem.all))
     for i, (o, y) in enumerate(zip(system.observations, predictions)):
         places = o.t[:: max(1, o.t.size // PLACES)]
-        late = shown(o, y, {LOST: step}, -math.inf) - y  # of a record whose every frame comes late
+        late = shown(o, y, {LOST: 1.0}, -math.inf) - y  # of a record whose every frame comes late
         moved = late[:, None] * (o.t[:, None] >= places)
         white, frame = problem.whitening[i], fit.frame[i]
         columns, residual = white.whitened(moved, frame), white.whitened(o.y - y, frame)
         size = np.sum(columns * columns, axis=0)
         out[i] = places[int(np.argmax((columns.T @ residual) ** 2 / np.maximum(size, 1.0)))]
     return out
-
-
-def variable(system: System, name: str) -> Variable:
-    """One of them. Raises KeyError for another name."""
-    return variables(system)[name]

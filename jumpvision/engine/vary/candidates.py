@@ -20,6 +20,11 @@ def coefficient(name: str, k: int) -> str:
     return f"{name}:{k}"
 
 
+def coefficients_of(patterns: Mapping[str, Pattern]) -> set[str]:
+    """The parameters of all of these patterns."""
+    return {coefficient(m, k) for m, p in patterns.items() for k in range(p.design.shape[1])}
+
+
 def candidate(w: Weighed, log_price: float) -> Candidate:
     """log_price: of the number, among those asked of, and of the kind."""
     pattern = w.pattern

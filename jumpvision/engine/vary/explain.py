@@ -21,6 +21,7 @@ from jumpvision.engine.document.values import Pattern as Kind
 from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.naming import Naming
 from jumpvision.engine.search import log_prior
+from jumpvision.engine.system import patterns_of
 
 from .apart import Apart, beside
 from .candidates import coefficient
@@ -80,8 +81,8 @@ def wider(problem: Problem, about: Fit, rng: np.random.Generator, worth: float =
     seen = screen(problem, about)
     few = odd_ones(problem, about, rng)
     offered = [w for w in seen.promising if _gain(w, seen) > worth]
-    told = [*few.described] if few else []
-    offered = [*told, *(w for w in offered if w.pattern.name not in {x.pattern.name for x in told})]
+    own = few.described if few else ()
+    offered = [*own, *(w for w in offered if w.pattern.name not in {x.pattern.name for x in own})]
     system = problem.system.varying(offered, seen.log_price) if offered else problem.system
     return Wider(problem.asked_of(system), seen, few)
 
@@ -134,19 +135,14 @@ def scattered(problem: Problem, seen: Screen, base: Fit, least: float, rng: np.r
 def only(problem: Problem, named: Sequence[str]) -> Problem:
     """The problem without the patterns that are not named."""
     kept = copy.copy(problem.system)
-    gone = patterns_of(problem).keys() - set(named)
+    gone = patterns_of(problem.system).keys() - set(named)
     kept.candidates = {n: c for n, c in problem.system.candidates.items() if n not in gone}  # type: ignore[misc]
     return problem.asked_of(kept) if gone else problem
 
 
-def patterns_of(problem: Problem) -> dict[str, Pattern]:
-    """The patterns among the candidates of a system."""
-    return dict(getattr(problem.system, "patterns", {}))
-
-
-def varied(problem: Problem, naming: Naming, base: Fit) -> tuple[Varied, ...]:
+def varied(problem: Problem, naming: Naming) -> tuple[Varied, ...]:
     """The patterns among what is named."""
-    fit, known = naming.best.fit, patterns_of(problem)
+    fit, known = naming.best.fit, patterns_of(problem.system)
     names = [p.name for p in fit.parameters]
     out = []
     for m in naming.named:

@@ -18,8 +18,8 @@ from jumpvision.engine.document.values import Pattern as Kind
 from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.system import ASIDE, Costly, System
 
-from .apart import GRID, predicted, variables
-from .patterns import WIDTHS, Pattern, Weighed
+from .apart import ENOUGH, GRID, LOOSE, predicted, variables
+from .patterns import ODD, WIDTHS, Pattern, Weighed
 from .variables import Variable
 
 SHARE = 6  # one recording in so many may stand apart
@@ -28,17 +28,16 @@ FACTORS = (10.0, 0.1, 100.0, 0.01, 1000.0, 1e-3, 2.0, 0.5, 2.0 * math.pi, 0.5 / 
 FEW = 6  # numbers that are tried two by two: those that alone do best
 SINGLE = 1e-3  # chance below which a recording stands apart, or is not described by its numbers
 SLIP = 1e-3  # share of its chi^2 that a recording may keep where a number of it is far off
-LAPS = 12
+LAPS = 12  # of Gauss-Newton, damped: a start may be far off
 
 
 @dataclass(frozen=True)
 class Odd:
-    """members: recordings without which the model is adequate; fit: of the others. described: numbers of some that mend
+    """members: recordings without which the model is adequate. described: numbers of some that mend
     them. commands: by which command a member was driven, of which other recording. slips: numbers that are off by so
     much that they take nearly all of a member's misfit, though not all of it."""
 
     members: tuple[int, ...]
-    fit: Fit
     described: tuple[Weighed, ...]
     commands: Mapping[int, int]
     slips: Mapping[int, Weighed]
@@ -73,7 +72,7 @@ def odd_ones(problem: Problem, fit: Fit, rng: np.random.Generator) -> Odd | None
     count, members = len(problem.all), []
     rest = fit
     excess = fit.chi2 - problem.n
-    for _ in range(min(4, count // SHARE)):
+    for _ in range(min(ODD, count // SHARE)):
         worst = max((i for i in range(count) if i not in members), key=lambda i: _fall(rest, i))
         if not _strange(problem, worst, _fall(rest, worst)):
             return None
@@ -90,7 +89,7 @@ def odd_ones(problem: Problem, fit: Fit, rng: np.random.Generator) -> Odd | None
             commands = {i: j for i in found if (j := command_of(problem, rest, i)) is not None}
             numbers = {i: w for i in found if i not in commands and (w := described(problem, rest, i)) is not None}
             slips = {i: w for i, w in numbers.items() if not _describes(problem, i, w.chi2)}
-            return Odd(found, rest, tuple(w for i, w in numbers.items() if i not in slips), commands, slips)
+            return Odd(found, tuple(w for i, w in numbers.items() if i not in slips), commands, slips)
     return None
 
 
@@ -104,13 +103,13 @@ def command_of(problem: Problem, fit: Fit, i: int) -> int | None:
     if not isinstance(problem.system, Commanded):
         return None
     alone, observations = _Alone(problem, fit, i), problem.system.observations
-    n, best = observations[i].independent, (math.inf, -1)
+    best = (math.inf, -1)
     for j in (j for j in problem.all if observations[j].condition != observations[i].condition):
         y = problem.system.predict_commanded(fit.mechanisms, fit.named, i, j)
         if np.isfinite(y).all():
             r = problem.whitening[i].whitened(observations[i].y - y, alone.frame)
             best = min(best, (float(r @ r), j))
-    return best[1] if scipy.stats.chi2.sf(best[0], n) > SINGLE else None
+    return best[1] if _describes(problem, i, best[0]) else None
 
 
 def _strange(problem: Problem, i: int, fall: float) -> bool:
@@ -136,7 +135,7 @@ def described(problem: Problem, fit: Fit, i: int) -> Weighed | None:
     """One number of a recording with which the model describes it, else two; the others as they are fitted."""
     alone = _Alone(problem, fit, i)
     usable = [v for v in variables(problem.system).values() if not v.whole]
-    singles = [_Told((v,), x) for v in usable if (x := alone.fitted((v,), [*_grid(v), *_factors(v)])) is not None]
+    singles = [_Tried((v,), x) for v in usable if (x := alone.fitted((v,), [*_grid(v), *_factors(v)])) is not None]
     if (found := _best(singles, alone, len(usable))) is not None:
         return found
     if isinstance(problem.system, Costly):  # two by two takes more runs than the question
@@ -151,7 +150,7 @@ def described(problem: Problem, fit: Fit, i: int) -> Weighed | None:
         if a.drive and b.drive:
             starts += [np.concatenate(x) for x in itertools.product(_grid(a), _grid(b))]
         if (found_pair := alone.fitted((a, b), starts)) is not None:
-            pairs.append(_Told((a, b), found_pair))
+            pairs.append(_Tried((a, b), found_pair))
     return _best(pairs, alone, len(usable))
 
 
@@ -173,13 +172,14 @@ class _Found:
 
 
 @dataclass(frozen=True)
-class _Told:
+class _Tried:
     variables: tuple[Variable, ...]
     found: _Found
 
     @property
     def widths(self) -> Array:
-        """Of the numbers before the data: a mistake of a factor is as likely as a small one."""
+        """Of the numbers before the data: a mistake of a factor is as likely as a small one; `_best` pays for as many
+        sizes as `patterns.weigh` tries."""
         spread = np.array([v.spread for v in self.variables])
         return np.maximum(WIDTHS[-1] * spread, np.abs(self.found.values))
 
@@ -191,7 +191,7 @@ class _Told:
         return -0.5 * self.found.chi2 - 0.5 * float(size @ size) + volume - price
 
 
-def _best(tried: Sequence[_Told], alone: _Alone, count: int) -> Weighed | None:
+def _best(tried: Sequence[_Tried], alone: _Alone, count: int) -> Weighed | None:
     """The likeliest, where it describes the recording."""
     if not tried:
         return None
@@ -241,7 +241,7 @@ class _Alone:
             if (moved := self._jacobian(chosen, x, steps)) is None:
                 return None
             r, j = moved
-            wide = 3.0 * np.maximum(spread, np.abs(x))
+            wide = LOOSE * np.maximum(spread, np.abs(x))
             inner = j.T @ j + np.diag(wide**-2.0)
             full = inner + damping * np.diag(np.diag(inner))
             step = np.linalg.solve(full, j.T @ r - x / wide**2)
@@ -249,7 +249,7 @@ class _Alone:
             gained = float(r @ r) - there
             if gained > 0:
                 x, damping = x + step, damping / 10
-                if gained < 0.1:
+                if gained < ENOUGH:
                     break
             else:
                 damping *= 10

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from jumpvision.base.arrays import Array
+from jumpvision.base.arrays import Z90, Array
 from jumpvision.engine.document.values import Pattern as Kind
 from jumpvision.engine.system import Observation
 
@@ -112,7 +112,6 @@ class Scatter:
     value: float
     low: float
     high: float
-    mean: float
     log_evidence: float
     apart: Apart = field(repr=False, compare=False)
     gained: float = 0.0
@@ -154,24 +153,20 @@ def scatter(found: Apart) -> Scatter | None:
     values = np.maximum(values, 0.0)
     one, along = vectors.T @ np.ones(n), vectors.T @ x
     taus = found.variable.spread * np.geomspace(1e-3, 3.0, 120)
-    log, means = np.empty(taus.size), np.empty(taus.size)
-    wide = found.variable.spread
+    log, wide = np.empty(taus.size), found.variable.spread
     for k, tau in enumerate(taus):
         w = values / (1.0 + values * tau**2)  # inverse variances of the values seen along the axes
         weight = float(w @ one**2) + 1.0 / wide**2
         mean = 0.0 if found.free else float((w * one) @ along) / weight
         chi2 = float(w @ along**2) - weight * mean**2
         log[k] = -0.5 * chi2 - 0.5 * float(np.sum(np.log1p(values * tau**2))) - 0.5 * math.log(weight * wide**2)
-        means[k] = mean
     best = int(np.argmax(log))
     if best in (0, taus.size - 1):
         return None
-    inside = taus[log > log[best] - 0.5 * 1.645**2]
+    inside = taus[log > log[best] - 0.5 * Z90**2]
     evidence = float(np.logaddexp.reduce(log) - math.log(taus.size))  # log-uniform before the data
     evidence -= 0.5 * found.chi2
-    return Scatter(
-        found.variable, float(taus[best]), float(inside[0]), float(inside[-1]), float(means[best]), evidence, found
-    )
+    return Scatter(found.variable, float(taus[best]), float(inside[0]), float(inside[-1]), evidence, found)
 
 
 def patterns(found: Apart, observations: Sequence[Observation]) -> Iterator[Pattern]:
@@ -213,8 +208,7 @@ def _odd(found: Apart) -> Iterator[Pattern]:
         rest = [i for i in range(n) if i not in chosen]
         tried = [_pattern(v, Kind.ODD, None, eye[:, [*chosen, i]], (*chosen, i), since=found.since) for i in rest]
         if size == 1:
-            for p in tried:
-                yield _priced(p, 0.0)
+            yield from tried
         best = max(tried, key=lambda p: weigh(p, found).log_evidence)
         chosen = list(best.members)
         if size > 1:

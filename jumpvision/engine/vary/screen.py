@@ -28,12 +28,16 @@ KINDS = 5  # of patterns, each as likely before
 @dataclass(frozen=True)
 class Screen:
     """apart: the values of each number that was fitted in full; weighed: patterns, the likeliest first; scatters alike.
-    log_price: of the numbers that were asked of, and the kinds."""
+    log_price: of the numbers that were asked of, and the kinds. base: chi^2 of the fit; kept: patterns that are tried;
+    most: chi^2 that one may leave and still be tried."""
 
     apart: tuple[Apart, ...]
     weighed: tuple[Weighed, ...]
     scatters: tuple[Scatter, ...]
     log_price: float
+    base: float
+    kept: int = KEPT
+    most: float = math.inf
 
     @property
     def promising(self) -> tuple[Weighed, ...]:
@@ -48,10 +52,6 @@ class Screen:
     def _reach(self, top: Sequence[Weighed]) -> float:
         """Nats that the best gains over no pattern at all."""
         return top[0].log_evidence + 0.5 * self.base if top else 0.0
-
-    base: float = 0.0
-    kept: int = KEPT
-    most: float = math.inf  # chi^2 that a pattern may leave and still be tried
 
 
 def screen(problem: Problem, fit: Fit, *, quick: bool = False) -> Screen:
@@ -88,7 +88,7 @@ def _in_full(problem: Problem, fit: Fit, rough: Sequence[Apart]) -> list[Apart |
 
 
 def chance(seen: Screen) -> float:
-    """Of a pattern as clear as the clearest by noise alone, whichever number and pattern: the sum over all of them."""
+    """Of a pattern as clear as the clearest by noise alone: its chance times how many were asked for (Bonferroni)."""
     p = 1.0
     for w in seen.weighed:
         dof = w.coefficients.size - w.pattern.about_own

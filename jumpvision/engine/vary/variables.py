@@ -12,7 +12,9 @@ import numpy as np
 from jumpvision.base.arrays import Array
 from jumpvision.engine.system import Observation, System
 
-RARE = 10.0  # times less likely to differ between recordings: what nobody touches between them
+RARE = (
+    10.0  # odds against a constant of the build: nobody touches it between recordings; of the order of 10, not fitted
+)
 
 
 @dataclass(frozen=True)
@@ -41,15 +43,6 @@ class Variable:
         """Of a number that hardly ever differs between recordings: ln of how many times less likely it is."""
         return math.log(RARE) if self.rare else 0.0
 
-    def value(self, change: float) -> float:
-        """The number itself, of a change."""
-        return self.declared * (1.0 + change) if self.relative else self.declared + change
-
-    @property
-    def size(self) -> float:
-        """Of the number, a change of 1."""
-        return abs(self.declared) if self.relative else 1.0
-
 
 Changes = Mapping[str, Array]  # by the name of a variable: the change in every recording (all of them,)
 
@@ -59,7 +52,9 @@ class Varying(System, Protocol):
     """A system whose recordings may each have their own values of what is else constant."""
 
     @property
-    def variables(self) -> Mapping[str, Variable]: ...
+    def variables(self) -> Mapping[str, Variable]:
+        """Numbers of the model, the drive and single channels; those of any camera or clock come from `instruments`."""
+        ...
 
     def predict_apart(
         self, mechanisms: tuple[str, ...], values: Mapping[str, float], changes: Changes, which: Sequence[int]
@@ -88,7 +83,10 @@ def added(*changes: Changes) -> Changes:
 
 # -- the instrument: of any system, from what it predicts ------------------------------------------------------------
 SCALE, OFFSET, RATE, LOST = "scale", "clock_offset", "clock_rate", "lost_frames"
+CLOCK = (OFFSET, RATE, LOST)
+INSTRUMENT = (SCALE, *CLOCK)
 SINCE = "lost_since"  # beside lost frames: when, in every recording [s]
+BEYOND = 3.0  # samples past the ends of a record up to which its motion is continued
 
 
 def instruments(observations: Sequence[Observation]) -> dict[str, Variable]:
@@ -129,11 +127,6 @@ def _at(t: Array, y: Array, at: Array) -> Array:
 
     past = BEYOND * float(np.median(np.diff(t)))
     return np.asarray(CubicSpline(t, y)(np.clip(at, t[0] - past, t[-1] + past)))
-
-
-BEYOND = 3.0
-CLOCK = (OFFSET, RATE, LOST)
-INSTRUMENT = (SCALE, OFFSET, RATE, LOST)
 
 
 def faults_of(changes: Changes) -> Changes:

@@ -7,7 +7,7 @@ order of the jumps, the strength from which it would show, and what it would not
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -47,14 +47,14 @@ class Isolable:
 
     @property
     def rows(self) -> list[dict[str, str]]:
-        """As a table: cause, shows from, is not told from."""
+        """As a table: cause, shows from, cannot be told from."""
         return [
             {
                 "cause": c.mechanism,
                 "shows from": f"{c.parameter} {strength(c.from_)} {'' if c.unit == '1' else c.unit}".rstrip()
                 if np.isfinite(c.from_)
                 else "nothing in its range shows",
-                "is not told from": ", ".join(c.twins) or "-",
+                "cannot be told from": ", ".join(c.twins) or "-",
             }
             for c in self.causes
         ]
@@ -66,9 +66,9 @@ class Isolable:
         shown = f"{len(self.causes) - len(blind)} of {len(self.causes)} causes"
         said = f"{self.jumps} jumps with {1e3 * self.noise:g} mm of noise could show {shown}"
         if twins:
-            said += f"; {twins} of them are not told from another: that takes another sensor, a test or other motions"
-            said += " (jumpvision explore)"
-        return said + (f"; blind to {', '.join(blind)}" if blind else "") + "."
+            said += f"; {twins} of them cannot be told apart from another by these jumps: that needs another sensor, a"
+            said += " test of its own or other motions (jumpvision explore)"
+        return said + (f"; nothing in its range would show: {', '.join(blind)}" if blind else "") + "."
 
 
 def isolable(campaign: Campaign, workers: int = 1) -> Isolable:
@@ -93,8 +93,10 @@ def isolable(campaign: Campaign, workers: int = 1) -> Isolable:
     priors = {n: s for n, s in asdict(robot.sigma).items() if s}
     system = Jumper(jumps, {n: (low, high) for n, (low, high) in spec.fit.items()}, {**spec.sigma, **priors}, workers)
     noise = Noise(NOISE, 0.0, float(np.median(np.diff(jumps[0].t))))
-    info = information(Problem(system.varying(_drifts(system)), noise))
-    causes = [_named(c) for c in limits_of_causes(info, range(len(jumps)))]
+    drifts = _drifts(system)
+    info = information(Problem(system.varying(drifts), noise))
+    numbers = {w.pattern.name: w.pattern.variable.name for w in drifts}
+    causes = [_named(c, numbers) for c in limits_of_causes(info, range(len(jumps)))]
     return Isolable(causes, len(jumps), NOISE, left_out)
 
 
@@ -118,11 +120,11 @@ def _drifts(system: Jumper) -> list[Weighed]:
     return [Weighed(p, np.array([0.1 * p.variable.spread]), np.eye(1), 0.0, 0.0) for p in patterns]
 
 
-def _named(c: Shown) -> Shown:
-    """A drift by the name of its number, in shares of it."""
+def _named(c: Shown, drifts: Mapping[str, str]) -> Shown:
+    """A drift by the name of its number, in shares of it. drifts: names of numbers by those of their patterns."""
 
     def said(name: str) -> str:
-        return f"{DRIFT}{name.split(' ')[0]}" if " " in name else name
+        return f"{DRIFT}{drifts[name]}" if name in drifts else name
 
-    parameter = "change" if " " in c.mechanism else c.parameter
+    parameter = "change" if c.mechanism in drifts else c.parameter
     return replace(c, mechanism=said(c.mechanism), parameter=parameter, twins=tuple(map(said, c.twins)))

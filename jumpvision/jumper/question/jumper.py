@@ -17,9 +17,9 @@ from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
 from jumpvision.base.threads import at_once
 from jumpvision.engine.system import Candidate, Indexed, Observation, Parameter
-from jumpvision.engine.vary.apart import predicted, variable
+from jumpvision.engine.vary.apart import variables
 from jumpvision.engine.vary.candidates import candidate as pattern_candidate
-from jumpvision.engine.vary.candidates import changes_of
+from jumpvision.engine.vary.candidates import changes_of, coefficients_of
 from jumpvision.engine.vary.patterns import Pattern, Weighed
 from jumpvision.engine.vary.variables import CLOCK, SCALE, Changes, Variable, added, fault_of, true_times
 from jumpvision.jumper.mechanisms.own import parameters_with
@@ -180,8 +180,9 @@ class Jumper:
         """The first model on a ground with these mechanisms and values; default as `model`. Raises InputError where it
         cannot be."""
         base = self.bases[ground] if ground else self.model
+        of_jumps = coefficients_of(self.patterns)
         mechanisms = tuple(m for m in mechanisms if m not in self.patterns)
-        values = {n: v for n, v in values.items() if ":" not in n} if self.patterns else values
+        values = {n: v for n, v in values.items() if n not in of_jumps} if of_jumps else values
         mechanisms = tuple(m for m in mechanisms if base.ground in base.mechanism(m).grounds)
         own_values = self._of_bed(base, values)
         values = {n: v for n, v in values.items() if n not in SCATTER and not isinstance(n, Indexed)} | own_values
@@ -374,8 +375,8 @@ class Jumper:
             return out
         at = self.predict(mechanisms, values, which)
         for name in (n for n in self.scattering if n not in SCATTER):
-            step = variable(self, name).step
-            moved = predicted(self, mechanisms, values, {name: np.full(len(self.jumps), step)}, which)
+            step = variables(self)[name].step
+            moved = self.predict_apart(mechanisms, values, {name: np.full(len(self.jumps), step)}, which)
             out[name] = [(b - a) / step for a, b in zip(at, moved)]
         if not steps:
             return out

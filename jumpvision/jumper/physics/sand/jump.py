@@ -332,10 +332,15 @@ class Tracks:
         t, out: a row a lane, as long as all times together, `places` says whose is what; NaN where a motion cannot be
         followed. rtol, atol as in `jump.simulate`. Lets other threads run.
         """
-        if any(m.acting(Body.DRIVE) for m in models):
-            tracks, which = self._driven(which, models)
-            return tracks._solve(which, lanes, models, t, out, rtol, atol)
-        self._solve(which, lanes, models, t, out, rtol, atol)
+        driven = any(m.acting(Body.DRIVE) for m in models)
+        tracks, which = self._driven(which, models) if driven else (self, which)
+        constants = pack_each(models)
+        for k, i in enumerate(which):
+            forcing = tracks.forcings[i]
+            if isinstance(forcing, Loop):
+                limit_loop(constants[k : k + 1], forcing, models[k])
+        laid = tracks.about, tracks.rows, tracks.edges
+        compiled.tracks_solver()(constants, np.asarray(which), np.asarray(lanes), *laid, t, rtol, atol, out)
 
     def _driven(self, which: Sequence[int], models: Sequence[Model]) -> tuple[Tracks, Sequence[int]]:
         """These jumps as their drives move them: each with each of its drives is a track of its own, at the jump's
@@ -350,22 +355,3 @@ class Tracks:
         number = {a: k for k, a in enumerate(each)}
         self.played = motions if len(known) > MOST_PLAYED else {**known, **motions}
         return out, [number[a] for a in asked]
-
-    def _solve(
-        self,
-        which: Sequence[int],
-        lanes: Sequence[int],
-        models: Sequence[Model],
-        t: Array,
-        out: Array,
-        rtol: float,
-        atol: float,
-    ) -> None:
-        constants = pack_each(models)
-        for k, i in enumerate(which):
-            forcing = self.forcings[i]
-            if isinstance(forcing, Loop):
-                limit_loop(constants[k : k + 1], forcing, models[k])
-        compiled.tracks_solver()(
-            constants, np.asarray(which), np.asarray(lanes), self.about, self.rows, self.edges, t, rtol, atol, out
-        )
