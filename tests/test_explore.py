@@ -689,7 +689,7 @@ def test_it_tells_twins_apart_and_takes_up_a_killed_call(tmp_path, capsys):
     assert len(last.jumps) == 8 + history.asked_for
     assert last.entropy_bits < first.rounds[0].entropy_bits
     page = (results / "explore.html").read_text(encoding="utf-8")
-    assert asked.name in page and "motor_lag from time_offset" in page
+    assert asked.name in page and f"motor_lag from {asked.separates[1]}" in page
     assert (results / "explore.png").stat().st_size > 10_000
 
 

@@ -99,6 +99,16 @@ def test_scatter_is_measured_and_its_interval_covers():
     assert abs(held / 200 - 0.9) < 3.0 * math.sqrt(0.9 * 0.1 / 200)
 
 
+def test_one_value_of_all_recordings_is_no_scatter():
+    """A camera whose scale is wrong for all alike, 5 sigma of one recording and 50: noise makes odds of 150 once in 150
+    draws or less often (Markov), so of 100 draws at most 4 (binomial, 3 sigma) say that they differ."""
+    said = 0
+    for seed in range(100):
+        noise = 0.01 * np.random.default_rng(seed).standard_normal(N)
+        said += scatter(values((0.05 if seed % 2 else 0.5) + noise)) is not None
+    assert said <= 4
+
+
 def test_values_that_scatter_have_no_pattern():
     """Of 40 draws without any order, a pattern is likelier than scatter in at most three (5 % of 40, and one sigma)."""
     wrong = 0

@@ -24,6 +24,7 @@ from .variables import Variable
 
 ODD = 4  # recordings at most that stand apart each for itself
 WIDTHS = (1.0, 0.1, 0.01)  # spreads that a coefficient may have before the data, one as likely as another
+SCATTERS = 5.0  # nats over one value for all recordings, from which they are said to differ: odds of 150
 INSTANTS = 1000  # of a record at which frames may have been lost, by one or a few
 LEVELS = ("frequency", "amplitude", "delay", "volume_fraction")  # labels of the motion that a number may go with
 
@@ -145,28 +146,28 @@ def _weighed(pattern: Pattern, found: Apart) -> Weighed:
 
 
 def scatter(found: Apart) -> Scatter | None:
-    """Values that are normal about a common one; None where none is better than any spread."""
+    """Values that are normal about a common one; None where none, or another that all share, explains them as well."""
     if found.variable.whole:
         return None
-    p, x, n = found.information, found.change, found.change.size
-    values, vectors = np.linalg.eigh(0.5 * (p + p.T))
-    values = np.maximum(values, 0.0)
-    one, along = vectors.T @ np.ones(n), vectors.T @ x
-    taus = found.variable.spread * np.geomspace(1e-3, 3.0, 120)
-    log, wide = np.empty(taus.size), found.variable.spread
-    for k, tau in enumerate(taus):
+    values, vectors = np.linalg.eigh(found.information)
+    values, wide = np.maximum(values, 0.0), found.variable.spread
+    one, along = vectors.T @ np.ones(found.change.size), vectors.T @ found.change
+
+    def log_evidence(tau: float) -> float:
         w = values / (1.0 + values * tau**2)  # inverse variances of the values seen along the axes
-        weight = float(w @ one**2) + 1.0 / wide**2
+        weight = float(w @ one**2) + wide**-2.0
         mean = 0.0 if found.free else float((w * one) @ along) / weight
         chi2 = float(w @ along**2) - weight * mean**2
-        log[k] = -0.5 * chi2 - 0.5 * float(np.sum(np.log1p(values * tau**2))) - 0.5 * math.log(weight * wide**2)
-    best = int(np.argmax(log))
-    if best in (0, taus.size - 1):
+        return -0.5 * (chi2 + float(np.sum(np.log1p(values * tau**2))) + math.log(weight * wide**2))
+
+    taus = wide * np.geomspace(1e-3, 3.0, 120)
+    log = np.array([log_evidence(float(tau)) for tau in taus])
+    best, evidence = int(np.argmax(log)), float(np.logaddexp.reduce(log) - math.log(taus.size))  # log-uniform before
+    if best in (0, taus.size - 1) or evidence - log_evidence(0.0) < SCATTERS:
         return None
     inside = taus[log > log[best] - 0.5 * Z90**2]
-    evidence = float(np.logaddexp.reduce(log) - math.log(taus.size))  # log-uniform before the data
-    evidence -= 0.5 * found.chi2
-    return Scatter(found.variable, float(taus[best]), float(inside[0]), float(inside[-1]), evidence, found)
+    total = evidence - 0.5 * found.chi2
+    return Scatter(found.variable, float(taus[best]), float(inside[0]), float(inside[-1]), total, found)
 
 
 def patterns(found: Apart, observations: Sequence[Observation]) -> Iterator[Pattern]:
