@@ -59,8 +59,8 @@ def measured(given: Measured) -> Seen:
         if why:
             say(f"{e.name}: left out: {why}")
             continue
-        for said in (w for w in o.warnings if "[bed] volume_fraction" in w):
-            say(f"warning: {e.name}: {said}")
+        for w in (w for w in o.warnings if (w["kind"], w["recording"]) == ("differs", "bed")):
+            say(f"warning: {e.name}: {w['message']}")
         used.append(e)
         laws.append(law_of(e) | {"dwell_gain": e.required(Actuation).dwell_gain})
         seen.append((*o.summary.jump_height.numbers, *o.summary.volume_fraction.numbers))
