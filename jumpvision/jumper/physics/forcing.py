@@ -214,6 +214,16 @@ def from_motion(time: ArrayLike, position: ArrayLike, sigma: float) -> Spline:
     return from_log(t[begin:], x[begin:], sigma)
 
 
+RATE = 1000.0  # 1/s: samples of a command that a controller plays, straight lines between them
+
+
+def as_played(command: Forcing) -> Spline:
+    """A command as a controller plays its samples (`RATE`), to its end."""
+    t = np.arange(math.ceil(command.stop * RATE) + 1) / RATE
+    x, none = command(t)[0], np.zeros(t.size - 1)
+    return Spline(t, np.array([none, none, np.diff(x) * RATE, x[:-1]]))
+
+
 @dataclass(frozen=True)
 class Loop:
     """F_m = kp G (X_c - X_m) + kd (X_c' - X_m') + m_m g, within +-max_force [N].

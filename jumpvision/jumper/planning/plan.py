@@ -14,7 +14,7 @@ import numpy as np
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError, closest
 from jumpvision.engine.laws.symbolic import NAMESPACE
-from jumpvision.jumper.physics.forcing import Forcing, Loop, Spline
+from jumpvision.jumper.physics.forcing import Forcing, Loop, Spline, as_played
 from jumpvision.jumper.physics.model import Model
 from jumpvision.jumper.physics.sand.jump import Motion, beyond_seen, equilibrium, simulate
 
@@ -121,9 +121,12 @@ class Planner:
         return near or replace(plan, status="failed")
 
     def _astray(self, plan: Plan) -> bool:
-        """Whether the re-simulation misses the apex, or does not stand still after a landing that sticks."""
-        m = plan.motion
-        after = np.ptp(m.rod[m.t > plan.command.stop]) if self.motion == "stick" else 0.0
+        """Whether the re-simulation misses the apex, or does not stand still after a landing that sticks, as planned
+        or as its samples are played."""
+        after = 0.0
+        if self.motion == "stick":
+            both = plan.motion, self.resimulate(as_played(plan.command))[0]
+            after = max(float(np.ptp(m.rod[m.t > plan.command.stop])) for m in both)
         # a re-simulation may miss the apex, or move after a landing that sticks, by 2 % of it
         return max(abs(plan.resimulated_apex - plan.apex), after) > 0.02 * plan.apex
 

@@ -20,7 +20,7 @@ from jumpvision.experiment.inputs.model import ModelSpec, read_model
 from jumpvision.experiment.inputs.sections import Motor, Robot
 from jumpvision.jumper.mechanisms.record import Body
 from jumpvision.jumper.mechanisms.registry import acting
-from jumpvision.jumper.physics.forcing import Forcing
+from jumpvision.jumper.physics.forcing import Forcing, as_played
 from jumpvision.jumper.physics.model import GROUNDS, Model
 
 from .setup import setup_of
@@ -28,7 +28,6 @@ from .setup import setup_of
 if TYPE_CHECKING:
     from jumpvision.jumper.planning.plan import Plan, Planner
 
-RATE = 1000.0  # rows of plan.csv in a second
 DRAWS = 200  # models drawn for the spread of the apex
 CORRECTS = {m.names[0]: m.corrects for m in acting(Body.ROBOT)}
 
@@ -232,7 +231,7 @@ def _limit(name: str, limits: Mapping[str, float]) -> str:
 
 def samples(command: Forcing) -> pd.DataFrame:
     """The command in equal steps for the controller, to its end."""
-    t = np.arange(math.ceil(command.stop * RATE) + 1) / RATE
+    t = as_played(command).knots
     return pd.DataFrame({"time_s": t, "command_m": command(t)[0]})
 
 
