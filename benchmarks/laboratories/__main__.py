@@ -25,7 +25,7 @@ from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.learning import learn_noise
 from jumpvision.jumper.question.words import diagnosis_of
 
-from .judge import answer_of, covers, misnamed, outcome
+from .judge import answer_of, covers, holds, misnamed, outcome
 from .truths import CASES, INSTRUMENTS, KINDS, SCATTERING, SEED, Truth, sealed, truth
 from .worlds import MS10, World, apart, made
 
@@ -135,6 +135,8 @@ def report(rows: Sequence[Row]) -> str:
     lines += [f"* {n}: right {right(v)}" for n, v in groups.items() if v]
     offered = [j for j in part["fault"] if (x := j.row.get("answer")) and (x["law"] or x["described"])]
     lines.append(f"* a law or a formula offered for a fault: {share(len(offered), len(part['fault']))}")
+    held = [x for j in sized if "answer" in j.row and (x := holds(j.truth, j.row["answer"], j.row["size"])) is not None]
+    lines.append(f"* 90 % intervals of what varies hold the truth: {share(sum(held), len(held))} of {len(held)}")
     lines += scatters(part["scatter"])
     seconds = [j.row["processor_s"] for j in every if "processor_s" in j.row]
     if seconds:

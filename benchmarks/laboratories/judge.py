@@ -157,3 +157,15 @@ def covers(t: Truth, a: Row, declared: float) -> bool | None:
         return None
     true = (t.scatter, t.scatter * declared)
     return any(mine[0]["low"] <= x <= mine[0]["high"] for x in true)
+
+
+def holds(t: Truth, a: Row, size: float) -> bool | None:
+    """Whether the interval of what varies holds by how much it truly does, where all else of it is right; None where
+    nothing has a size, or it is not right."""
+    if t.part != "fault" or not t.factor or not t.changes or len(t.changes) > 1 or varied(t, a) != "right":
+        return None
+    v = next(v for v in a["varies"] if v["established"])
+    changes = next(iter(t.changes.values()))
+    whole = abs(v["declared"]) or 1.0
+    ends = sorted(abs(x - v["declared"]) / whole for x in (v["low"], v["high"]))
+    return bool(ends[0] <= size * (max(changes) - min(changes)) <= ends[1])

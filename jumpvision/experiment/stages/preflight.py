@@ -50,7 +50,7 @@ from jumpvision.films.frames.opening import READERS
 
 from .crosschecks import cross_checks, falling, motion_of, ringing, softness, stances
 from .fit import contact_of
-from .push import pushes
+from .pushes import pushes
 from .recordings import NOWHERE, bare_view, in_pixels, open_film, open_pictures
 from .rod import read_motor, total_mass
 from .spring import read_spring
