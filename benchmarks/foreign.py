@@ -212,7 +212,9 @@ def cart_study() -> jv.Study:
             pull = p["k"] * x + p["viscous"] * v + p["dry"] * math.tanh(v / 0.01) + p["quadratic"] * abs(v) * v
             return [v, (push - pull) / 1.5]
 
-        return np.asarray(solve_ivp(rate, (0, r.t[-1]), [r.inputs["start"], 0.0], t_eval=r.t, rtol=1e-6, atol=1e-8).y[0])
+        return np.asarray(
+            solve_ivp(rate, (0, r.t[-1]), [r.inputs["start"], 0.0], t_eval=r.t, rtol=1e-6, atol=1e-8).y[0]
+        )
 
     return jv.Study(
         simulate,
@@ -364,7 +366,9 @@ def delay(rng: Generator) -> Said:
     found, took = asked(out, study)
     value, sigma = fitted(found, "damping")
     good = found.status != "complete" or abs(value - 0.3) < Z95 * sigma
-    return said(good, f"{found.status}: {' + '.join(found.named) or '-'}, damping {value:.3f} ± {sigma:.3f}", found, took)
+    return said(
+        good, f"{found.status}: {' + '.join(found.named) or '-'}, damping {value:.3f} ± {sigma:.3f}", found, took
+    )
 
 
 # -- a real axis --

@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.integrate import solve_ivp
 
@@ -108,8 +109,6 @@ def test_notebook_comfort(found):
 
 
 def test_a_table_is_as_good_as_recordings(found):
-    import pandas as pd
-
     each = [pd.DataFrame({"recording": r.name, "time_s": r.t, "angle": r.values}) for r in world(dry=0.3)]
     starts = {r.name: r.inputs["start"] for r in world()}
     plain = study()
@@ -207,8 +206,6 @@ def test_a_walk_needs_repeats():
 
 
 def test_constants_of_a_table_are_numbers():
-    import pandas as pd
-
     table = pd.DataFrame({"recording": "a", "time_s": np.arange(5.0), "x": 0.0, "drop": 0.3, "force": np.arange(5.0)})
     (only,) = jv.Recording.of_table(table, ["x"], inputs=["force"], constants=["drop"])
     assert only.inputs["drop"] == 0.3 and only.inputs["force"].shape == (5,)
@@ -367,9 +364,18 @@ def test_wrong_calls_say_what_is_allowed():
         jv.Study(swing, [jv.Parameter("W", 50.0, (30, 90))], [jv.Mechanism("more", [jv.Parameter("W", 0, (0, 1))])])
     with pytest.raises(InputError, match="increasing times"):
         jv.Recording("a", [0.0, 1.0, 1.0, 2.0], [0.0] * 4)
-    short = jv.Recording("a", np.arange(10.0), np.zeros(9), {"start": 0.1})
-    with pytest.raises(InputError, match=r"values of shape \(9,\); expected \(10, 1\)"):
-        jv.diagnose([short], study())
+    with pytest.raises(InputError, match="row 2, t = 1 after 1 in row 1"):
+        jv.Recording("a", [0.0, 1.0, 1.0, 2.0], [0.0] * 4)
+    with pytest.raises(InputError, match="values have 9 rows; t has 10"):
+        jv.Recording("a", np.arange(10.0), np.zeros(9), {"start": 0.1})
+    with pytest.raises(InputError, match="start = 20 lies outside its range 1 to 4"):
+        jv.Parameter("W", 20, range=(1, 4))
+    table = pd.DataFrame({"recording": ["a"] * 5, "time_s": np.arange(5.0)})
+    with pytest.raises(InputError, match="has no column 'angle'; it has recording, time_s"):
+        jv.Recording.of_table(table, ["angle"])
+    wide = jv.Recording("a", np.arange(10.0), np.zeros((10, 2)), {"start": 0.1})
+    with pytest.raises(InputError, match=r"values of shape \(10, 2\); expected \(10, 1\)"):
+        jv.diagnose([wide], study())
 
 
 @pytest.mark.long

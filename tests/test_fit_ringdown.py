@@ -104,3 +104,16 @@ def test_strong_damping_is_a_share_of_the_undamped_frequency(zeta):
     r = ring_down(t, x + np.random.default_rng(3).normal(0.0, 1e-3, t.size), np.full(t.size, 1e-3))
     assert abs(r.zeta - zeta) < 4.0 * r.zeta_sigma < 4e-3 * zeta
     assert r.omega0 == pytest.approx(w0, abs=4.0 * r.omega0_sigma) and r.omega0_sigma < 1e-3 * w0
+
+
+def test_a_ring_down_of_an_angle_has_the_angle_s_units():
+    import jumpvision as jv
+
+    t = np.arange(0.0, 4.0, 5e-3)
+    x = 0.3 * np.exp(-0.4 * t) * np.cos(12.0 * t) + 1e-4 * np.random.default_rng(1).standard_normal(t.size)
+    units = jv.ringdown(t, x, 1e-4)["unit"]
+    assert units["ring_offset"] == "unit of x"
+    assert units["decay_quadratic_rate"] == "1/(unit of x)" and units["decay_coulomb_rate"] == "(unit of x)/s^2"
+    t[40] = t[39]
+    with pytest.raises(ValueError, match=r"row 40, t = 0.195 after 0.195 in row 39"):
+        jv.ringdown(t, x, 1e-4)

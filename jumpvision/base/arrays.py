@@ -45,6 +45,17 @@ def with_digits_of(value: float, sigma: float | None, factor: float = 1.0) -> st
     return f"{round(value * factor, 1 - power) + 0.0:.{max(0, 1 - power)}f}"
 
 
+def not_increasing(t: Array) -> str:
+    """The first row of times t (n,) [s] that is not after the row before it, with both values; "" where all are. NaN
+    rows are passed over."""
+    rows = np.flatnonzero(np.isfinite(t))
+    back = np.flatnonzero(np.diff(t[rows]) <= 0.0)
+    if not back.size:
+        return ""
+    before, at = rows[back[0]], rows[back[0] + 1]
+    return f"row {at}, t = {t[at]:.10g} after {t[before]:.10g} in row {before} (the first row is 0)"
+
+
 def log_interval(low: Array, high: Array) -> Array:
     """ln of the probability of a standard normal between low and high, far into its tails too."""
     from scipy.special import log_ndtr

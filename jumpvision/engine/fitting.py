@@ -298,6 +298,21 @@ class Problem:
         fit.log_evidence -= 0.5 * sum(float(np.sum(np.log1p(size * size))) for _, size in frame)
         return fit
 
+    def evidence_near(self, fit: Fit) -> float:
+        """The log evidence that a fit of these observations from `fit` would have, linear about it: without a run."""
+        hessian = sum((j.T @ j for j in fit.jacobian), fit.known.precision)
+        slope = sum(
+            (j.T @ a for j, a in zip(fit.jacobian, fit.residuals)), fit.known.rows.T @ fit.known.pull(fit.values)
+        )
+        low, high = (np.array([getattr(p, end) for p in fit.parameters]) for end in ("low", "high"))
+        step = _bounded(hessian, slope, 1e-9, high - low, fit.values, low, high)
+        pull = fit.known.pull(fit.values)
+        chi2 = sum(float(a @ a) for a in fit.residuals) + float(pull @ pull)
+        chi2 -= float(2 * slope @ step - step @ hessian @ step)
+        volume = log_volume(fit.parameters, fit.values + step, hessian, slope - hessian @ step)
+        size = sum(float(np.sum(np.log1p(s * s))) for _, s in fit.frame)
+        return -0.5 * (chi2 + size) + volume - fit.known.log_chance
+
     def _finish(
         self,
         mechanisms: tuple[str, ...],

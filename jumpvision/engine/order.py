@@ -18,13 +18,13 @@ from jumpvision.engine.noise.noise import Noise
 from jumpvision.engine.priors import Measured
 
 from .detect import Cell, Detectable, Detection, detect, detectable, directions, locate
-from .discovery import Law, Laws
 from .fitting import Fit, Problem
 from .naming import Naming, name
 from .system import Costly, Parameter, System, patterns_of
-from .worth.gain import Choose, Gain, extrapolation, gain
+from .worth.gain import Begin, Choose, Gain, among, begun_at, extrapolation, gain
 
 if TYPE_CHECKING:  # imported where they are asked for: most questions end before
+    from .discovery import Law, Laws
     from .unexplained import Shapes
     from .vary.explain import Varies, Wider
     from .vary.odd import Odd
@@ -254,13 +254,15 @@ class Order:
             self.say("predicting held-out conditions")
             worth = self._gain(d)
         beyond = extrapolation(problem, d.baseline, best, self.by[0], self._times) if self.by else {}
-        from .worth.design import propose
-
         # a motion not yet made has no numbers of its own
         patterns = patterns_of(problem.system)
         tried = [e for e in naming.tried if not set(e.mechanisms) & set(patterns)]
         whole = self.offered is not None and not set(naming.named) & set(patterns)
-        proposal = propose(*self.offered(), tried) if self.offered and whole else None
+        proposal = None
+        if self.offered and whole:
+            from .worth.design import propose
+
+            proposal = propose(*self.offered(), tried)
         seen = naming.best.detection if naming.named else found
         hidden = detectable(problem, best if naming.named else d.baseline, seen or found, self.rng)
         return replace(d, gain=worth, extrapolation=beyond, next_experiment=proposal, detectable=tuple(hidden))
@@ -279,7 +281,11 @@ class Order:
 
             problem = only(problem, d.naming.named if d.naming else ())
         if d.law is None:
-            found = gain(problem, fit_baseline, self._times, self.rng, NEIGHBOURS, self.choose)
+            begin: Begin = fit_baseline
+            choose = self.choose
+            if isinstance(problem.system, Costly) and d.naming and choose is None:
+                begin, choose = begun_at(d.baseline), among(d.naming.tried)
+            found = gain(problem, begin, self._times, self.rng, NEIGHBOURS, choose)
         else:
             whole, rng = problem.asked_of(d.law.system), np.random.default_rng(LAW_SEED)
             found = gain(whole, fit_baseline, self._times, rng, NEIGHBOURS, d.law.fitted_anew)

@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from jumpvision.base.arrays import Array
+from jumpvision.base.arrays import Array, not_increasing
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -180,6 +180,12 @@ def checked(name: str, **arrays: ArrayLike) -> list[Array]:
             shapes = ", ".join(f"{k} {b.shape}" for k, b in zip(arrays, out))
             raise ValueError(f"{name}: {key} has shape {a.shape}; all must be 1-D of one length, got {shapes}")
     return out
+
+
+def checked_times(name: str, t: Array) -> None:
+    """ValueError where times do not increase from row to row."""
+    if back := not_increasing(t):
+        raise ValueError(f"{name}: t must increase from sample to sample: {back}; sort the rows, remove duplicates")
 
 
 def checked_sigma(name: str, sigma: Array) -> None:

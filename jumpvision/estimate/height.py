@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import Array
 
-from .estimate import Estimate, checked, checked_sigma, scatter_factor
+from .estimate import Estimate, checked, checked_sigma, checked_times, scatter_factor
 from .mean import difference_noise, weighted_mean
 
 NAN = float("nan")
@@ -76,9 +76,8 @@ def jump_height(
     t, h, sigma = checked("jump_height", t=t, h=h, sigma=sigma)
     checked_sigma("jump_height", sigma)
     good = np.isfinite(t) & np.isfinite(h) & np.isfinite(sigma)
+    checked_times("jump_height", np.where(good, t, np.nan))
     t, h, sigma = t[good], h[good], sigma[good]
-    if np.any(np.diff(t) <= 0.0):
-        raise ValueError("jump_height: t must increase from sample to sample")
     after, during = t >= motor_stop, t <= motor_stop
     rise = _greatest(t[during], h[during], sigma[during], None, -math.inf, motor_stop)
     apex = _greatest(t[after], h[after], sigma[after], foot_frequency, motor_stop, math.inf)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -45,7 +46,8 @@ def ringdown(time_s: ArrayLike, x: ArrayLike, sigma: ArrayLike | None = None) ->
             "ring_offset": (ring.offset, ring.offset_sigma),
         }
         out |= {k: Estimate(float(v), float(s), "unit of x", ring.n, ring.chi2) for k, (v, s) in values.items()}
-        out |= decay_fits(t, y, each)
+        own = {"1/m": "1/(unit of x)", "m/s^2": "(unit of x)/s^2"}  # decay_fits is of heights [m]
+        out |= {k: replace(e, unit=own.get(e.unit, e.unit)) for k, e in decay_fits(t, y, each).items()}
     return table_of(out)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import Array
 
-from .estimate import Estimate, checked, checked_sigma, fit_line, least_squares_fit, scatter_factor
+from .estimate import Estimate, checked, checked_sigma, checked_times, fit_line, least_squares_fit, scatter_factor
 
 FALSE_ALARM = 1e-3  # chance that pure noise passes as an oscillation
 DECAYS = np.array([0.0, 0.5, 1.5, 5.0, 15.0])  # over the record's length, first tries of the rate of decay
@@ -67,12 +67,11 @@ def ring_down(t: ArrayLike, x: ArrayLike, sigma: ArrayLike) -> RingDown:
     t, x, sigma = checked("ring_down", t=t, x=x, sigma=sigma)
     checked_sigma("ring_down", sigma)
     good = np.isfinite(t) & np.isfinite(x) & np.isfinite(sigma)
+    checked_times("ring_down", np.where(good, t, np.nan))
     t, x, sigma = t[good], x[good], sigma[good]
     n = t.size
     if n < 8:
         return _none(n, NAN, f"{n} good samples, a ring-down needs 8")
-    if np.any(np.diff(t) <= 0.0):
-        raise ValueError("ring_down: t must increase from sample to sample")
     t, x, sigma = thinned(t - t[0], x, sigma)
     n = t.size
     # 8 frequencies of the periodogram for each of the record's length (1 for a first look)

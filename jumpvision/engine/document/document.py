@@ -14,7 +14,6 @@ import numpy as np
 
 from jumpvision.base.arrays import Z90, Array
 from jumpvision.base.numbers import said
-from jumpvision.engine.discovery import Law
 from jumpvision.engine.fitting import Fit
 from jumpvision.engine.naming import likely
 from jumpvision.engine.order import Findings
@@ -28,6 +27,7 @@ from .sentence import contradictions, sentence
 from .words import Words
 
 if TYPE_CHECKING:
+    from jumpvision.engine.discovery import Law
     from jumpvision.engine.vary.patterns import Pattern
 
 HALVED = 2.0  # factor on the error of held-out motions from which a formula is told

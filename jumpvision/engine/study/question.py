@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jumpvision.base.schema import InputError
-from jumpvision.engine.discovery import Laws
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.document import document
-from jumpvision.engine.document.measured import motions_alone
 from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.order import Findings, Order, fit_baseline, silent
 
@@ -22,6 +21,9 @@ from .runs import BudgetUsed, Runs
 from .study import Recording, Study
 from .system import Studied
 from .words import StudySpeaker, traces
+
+if TYPE_CHECKING:
+    from jumpvision.engine.discovery import Laws
 
 SEED = 1  # of the simulated noise: the same data give the same answer
 
@@ -70,6 +72,8 @@ def _alone(found: Findings, system: Studied) -> Fit | None:
     """The model that is told, without what else was measured; None where that was not asked for, or no run is left."""
     if not system.study.measured:
         return None
+    from jumpvision.engine.document.measured import motions_alone
+
     try:
         return motions_alone(found.named_fit, problem_of(system))
     except BudgetUsed:
@@ -87,6 +91,8 @@ def _asked(system: Studied, how: How) -> tuple[Findings, str]:
     problem, rng, say = problem_of(system), np.random.default_rng(SEED), how.progress or silent
     order = Order(problem, rng, by=("kind",), say=say, reached=reached.append)
     if system.study.forms:
+        from jumpvision.engine.discovery import Laws
+
         from .discovered import StudyForms
 
         def laws(p: Problem) -> Laws:

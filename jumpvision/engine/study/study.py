@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jumpvision.base.arrays import Array
+from jumpvision.base.arrays import Array, not_increasing
 from jumpvision.base.schema import InputError
 from jumpvision.engine.priors import Measured
 from jumpvision.engine.series import seconds
@@ -70,14 +70,34 @@ class Recording:
             object.__setattr__(self, "t", np.asarray(self.t, float))
         except (TypeError, ValueError):
             raise InputError([f"recording {self.name!r}: t must be numbers [s]"]) from None
-        if self.t.ndim != 1 or self.t.size < 4 or not np.all(np.diff(self.t) > 0):
+        if self.t.ndim != 1 or self.t.size < 4:
             raise InputError(
                 [f"recording {self.name!r}: t must be four or more increasing times [s], one axis, not {self.t.shape}"]
             )
+        if back := "" if np.all(np.diff(self.t) > 0) else not_increasing(self.t) or "a time is no number":
+            raise InputError([f"recording {self.name!r}: t must be increasing times [s]: {back}"])
+        for what in ("values", "sigma"):
+            self._rows(getattr(self, what), what)
         if not isinstance(self.recorded, datetime | int | float | None):
             raise InputError([f"recording {self.name!r}: recorded = {self.recorded!r}: a datetime, or seconds"])
         if self.parts is not None and np.shape(self.parts) != self.t.shape:
             raise InputError([f"recording {self.name!r}: parts must name each of the {self.t.size} samples"])
+
+    def _rows(self, values: Any, what: str) -> None:
+        """Raises InputError where values have not a row for each time."""
+        if values is None:
+            return
+        each = (
+            {n: values[n] for n in values}
+            if isinstance(values, Mapping) or hasattr(values, "columns")
+            else {"": values}
+        )
+        for n, v in each.items():
+            if np.ndim(v) and len(v) != self.t.size:
+                of = f" of {n!r}" if n else ""
+                raise InputError(
+                    [f"recording {self.name!r}: {what}{of} have {len(v)} rows; t has {self.t.size}: one each is needed"]
+                )
 
     @property
     def time(self) -> float | None:
@@ -91,6 +111,12 @@ class Recording:
         """The recordings in a long table: a row a sample, the column `by` says of which recording. more: group=,
         condition=, session=, order=, recorded= name columns too; labels= and constants= (inputs) are lists of columns
         of which the first row counts, inputs= of those that are given whole, (n,)."""
+        lists = ("labels", "inputs", "constants")
+        asked = [by, time, *channels, *(c for k in lists for c in more.get(k, ()))]
+        asked += [c for k, c in more.items() if k not in lists]
+        if missing := [c for c in dict.fromkeys(asked) if c not in table.columns]:
+            has = ", ".join(map(str, table.columns))
+            raise InputError([f"table: has no column {', '.join(map(repr, missing))}; it has {has}"])
         out = []
         for name, rows in table.groupby(by, sort=False):
             labels = {c: rows[c].iloc[0] for c in more.get("labels", ())}
@@ -144,6 +170,10 @@ class Parameter:
     scale: float | None = None
     log: bool = False
     each: bool = False
+
+    def __post_init__(self) -> None:
+        if problems := self.problems():
+            raise InputError(problems)
 
     def problems(self) -> list[str]:
         """What is wrong with it."""

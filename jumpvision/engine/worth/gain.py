@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
@@ -14,9 +15,14 @@ import scipy
 from jumpvision.base.arrays import Array
 from jumpvision.engine.detect import detect, directions
 from jumpvision.engine.fitting import Fit, Problem
-from jumpvision.engine.search import Search
+from jumpvision.engine.search import Search, log_prior
+from jumpvision.engine.system import Part
+
+if TYPE_CHECKING:
+    from jumpvision.engine.naming import Explanation
 
 FOLDS = 4
+FEW_LAPS = 6  # of the fit of a fold, from that of all recordings
 FEW_GROUPS = 3  # groups below which an interval is not stated
 
 
@@ -108,6 +114,37 @@ def searched(problem: Problem, base: Fit, rng: np.random.Generator) -> Fit:
     search = Search(problem, base, detect(problem, base, directions(problem, base), rng), rng, quick=True)
     search.run()
     return search.fits[next(iter(search.passing()), max(search.fits, key=search.log_probability))]
+
+
+def begun_at(base: Fit) -> Begin:
+    """The baseline of a fold from where that of all recordings ended: its runs, and their derivatives, serve again."""
+
+    def begin(part: Problem, _: np.random.Generator) -> Fit:
+        assert isinstance(part.system, Part)
+        found = part.fit(base.mechanisms, onward=base.over(part.system.kept), iterations=FEW_LAPS)
+        if found is None:
+            raise ValueError("the baseline cannot be followed")
+        return found
+
+    return begin
+
+
+def among(tried: Sequence[Explanation]) -> Choose:
+    """Of the sets that were fitted to all recordings, the likeliest of a fold: by its evidence linear about each fit,
+    the best then fitted. Alternative functions, which no residual can ask for, are among them."""
+
+    def choose(part: Problem, base: Fit, _: np.random.Generator) -> Fit:
+        assert isinstance(part.system, Part)
+        known = part.system.candidates
+        fits = [e.fit.over(part.system.kept) for e in tried if e.mechanisms and set(e.mechanisms) <= set(known)]
+        likely = [(part.evidence_near(f) + log_prior(f.mechanisms, known), f) for f in fits]
+        likely.append((base.log_evidence + log_prior((), known), base))
+        best = max(likely, key=lambda x: x[0])[1]
+        if not best.mechanisms:
+            return base
+        return part.fit(best.mechanisms, onward=best, iterations=FEW_LAPS) or base
+
+    return choose
 
 
 def _place(label: object) -> tuple[float, str]:

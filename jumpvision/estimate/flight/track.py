@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from jumpvision.base.arrays import Array, with_digits_of
 from jumpvision.base.schema import StageWarning
 
-from ..estimate import checked, checked_sigma
+from ..estimate import checked, checked_sigma, checked_times
 from ..mean import difference_noise
 from .beyond import Drive, Ring
 from .edges import Flight, flight
@@ -71,9 +71,8 @@ def track_flights(
     if not gravity > 0.0:
         raise ValueError(f"track_flights: gravity = {gravity!r} m/s^2 must be > 0 (along the rail)")
     good = np.isfinite(t) & np.isfinite(h) & np.isfinite(sigma)
+    checked_times("track_flights", np.where(good, t, np.nan))
     t, h, sigma = t[good], h[good], sigma[good]
-    if np.any(np.diff(t) <= 0.0):
-        raise ValueError("track_flights: t must increase from sample to sample")
     if not stated:
         sigma = np.full(t.size, noise_of(h))
     finest = 0.0 if stated else rounding_of(h) / float(np.max(sigma, initial=FINEST))
