@@ -25,7 +25,8 @@ STEP = 1e-3  # of a parameter's scale, for derivatives
 ITERATIONS = 30
 BROAD = 100.0  # ranges: standard deviation, as of a parameter that nothing else says anything of
 ENOUGH = 1e-3  # a smaller expected fall of chi^2 is not worth a step
-ROUGH = 1e-3  # share of chi^2 that is not worth a step where runs are dear: a model that misses so much is refused
+ROUGH = 5e-3  # share of chi^2 that is not worth a step where runs are dear: a model that misses so much is refused
+FINE = 1e-5  # the same share in a fit to its minimum
 
 
 Frame = list[tuple[Array, Array]]  # by observation: orthonormal directions of its scatter and wander, and their size
@@ -38,6 +39,7 @@ class Fit:
     residuals: whitened, one array an observation; jacobian: d(whitened prediction)/d(parameters), the same rows.
     chi2: residuals and priors, chi2_first where the fit began; converged: no step was worth taking any more.
     log_evidence: Laplace's approximation, up to a constant that all models share. known: priors and measurements.
+    reach: of parameters on a ridge, where they may lie.
     """
 
     mechanisms: tuple[str, ...]
@@ -52,6 +54,7 @@ class Fit:
     chi2_first: float = math.inf
     converged: bool = False
     known: Known = field(default_factory=lambda: Known(np.zeros((0, 0)), np.zeros(0)))
+    reach: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def over(self, kept: Sequence[int]) -> Fit:
         """The same model beside some of its observations, not fitted to them anew."""
@@ -233,10 +236,12 @@ class Problem:
         which: Sequence[int] | None = None,
         iterations: int = ITERATIONS,
         onward: Fit | None = None,
+        careful: bool = False,
     ) -> Fit | None:
         """Best values from `start` (default: the parameters' own); None when the model cannot be followed there.
 
-        onward: a fit of these mechanisms to these observations that goes on where it ended.
+        onward: a fit of these mechanisms to these observations that goes on where it ended. careful: to the minimum,
+        also where runs are dear.
         """
         free = parameters(self.system, mechanisms)
         names = [p.name for p in free]
@@ -260,7 +265,8 @@ class Problem:
         if r is None:
             return None
         first = best = cost(r, x)
-        damping, converged, costly = 1e-3, True, isinstance(self.system, Costly)
+        damping, converged, costly = 1e-3, True, isinstance(self.system, Costly) and not careful
+        share = FINE if careful else ROUGH if costly else 0.0
         jac = onward.jacobian if onward else self.jacobian(mechanisms, free, axes.values(x), r, which, frame)
         for _ in range(iterations if free else 0):
             rate = axes.rate(x)
@@ -268,7 +274,7 @@ class Problem:
             hessian = (sum((j.T @ j for j in jac), before.precision) * rate).T * rate
             slope = rate * (sum(j.T @ a for j, a in zip(jac, r)) + before.rows.T @ before.pull(axes.values(x)))
             gain = 0.0
-            enough = max(ENOUGH, ROUGH * (best - sum(a.size for a in r))) if costly else ENOUGH
+            enough = max(ENOUGH, share * (best - sum(a.size for a in r))) if share else ENOUGH
             # steps tried in an iteration, ever shorter
             for _ in range(5 if costly else 12):
                 step = _bounded(hessian, slope, damping, scales, x, axes.low, axes.high)
@@ -297,6 +303,15 @@ class Problem:
         fit.chi2_first, fit.converged, fit.frame = first, converged, frame
         fit.log_evidence -= 0.5 * sum(float(np.sum(np.log1p(size * size))) for _, size in frame)
         return fit
+
+    def polished(self, fit: Fit) -> Fit:
+        """A fit of a system whose runs are dear, gone on with derivatives of its own points until no step is worth it."""
+        system = self.system
+        if not (isinstance(system, Costly) and fit.parameters):
+            return fit
+        with system.carefully():
+            again = self.fit(fit.mechanisms, fit.named, careful=True)
+        return fit if again is None or again.chi2 > fit.chi2 + ENOUGH else again
 
     def evidence_near(self, fit: Fit) -> float:
         """The log evidence that a fit of these observations from `fit` would have, linear about it: without a run."""

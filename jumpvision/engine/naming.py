@@ -84,6 +84,8 @@ def name(
         key = passing[0] if passing else key
     likeliest = max(search.fits, key=search.log_probability)
     stated = key or likeliest
+    if (better := problem.polished(search.fits[stated])) is not search.fits[stated] and not search.keep(better):
+        search.fits[stated] = better  # by so little that its test stands
     test = search.test(stated)
     left = left_of(problem, search.fits[stated], test.score)
     share = 0.0 if passing else left / max(left_of(problem, base, found.score), left)

@@ -330,7 +330,7 @@ def fit_baseline(problem: Problem, rng: np.random.Generator) -> Fit:
             "the baseline model cannot be simulated with its own parameters for these jumps; "
             "check [model] and [model.fit]"
         )
-    return min(fits, key=lambda f: f.chi2)
+    return problem.polished(min(fits, key=lambda f: f.chi2))
 
 
 def draw(p: Parameter, rng: np.random.Generator) -> float:

@@ -25,6 +25,7 @@ LAP, LAPS = 4, 6  # iterations of a fit before it is compared with the others, a
 FEW = 8  # conditions that the first lap goes over
 BEHIND, CLOSE = 3.0, 50.0  # a fit goes on while its chi^2 is less than this many laps, or this much, behind the best
 WORTH = 0.1  # share of the excess of chi^2 that a mechanism whose runs are dear must take to be tried alone
+NEAR = 2.0  # chi^2 per degree of freedom up to which a fit that fails the test may only have stopped short
 LEADING, FIRST = 8, 3  # sets that go on after the first lap, in a quick search; beside all that are CLOSE to the best
 
 Start = tuple[tuple[str, ...], dict[str, float]]
@@ -101,9 +102,15 @@ class Search:
     def test(self, key: Key) -> Detection:
         """The test of a set's residuals."""
         if key not in self.tests:
-            fit = self.fits[key]
-            self.tests[key] = detect(self.problem, fit, directions(self.problem, fit), self.rng)
+            self._look(key)
+            near = self.tests[key].discrepant and self.tests[key].chi2_per_dof < NEAR
+            if near and isinstance(self.problem.system, Costly) and self.keep(self.problem.polished(self.fits[key])):
+                self._look(key)  # what a fit that stopped short leaves is no misfit
         return self.tests[key]
+
+    def _look(self, key: Key) -> None:
+        fit = self.fits[key]
+        self.tests[key] = detect(self.problem, fit, directions(self.problem, fit), self.rng)
 
     def passing(self) -> list[Key]:
         """The sets whose residuals are noise, the likeliest first."""
@@ -146,9 +153,11 @@ class Search:
         """The set with each of its mechanisms taken away, fitted from its values; what hardly loses is tested."""
         whole, out = self.fits[key], []
         rests = [tuple(x for x in whole.mechanisms if x != m) for m in whole.mechanisms if len(key) > 1]
-        fits = self.problem.each(partial(self.problem.fit, rest, whole.named) for rest in rests)
-        for rest, fit in zip(rests, fits):
+        known = [r for r in rests if isinstance(self.problem.system, Costly) and frozenset(r) in self.fits]
+        wanted = [r for r in rests if r not in known]  # another start of what was fitted is not worth dear runs
+        for fit in self.problem.each(partial(self.problem.fit, rest, whole.named) for rest in wanted):
             self.keep(fit)
+        for rest in rests:
             if (smaller := frozenset(rest)) in self.fits:
                 out.append(smaller)
                 # a set that loses no more chi^2 without one of its mechanisms may do without it

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import Any, Protocol, Self, runtime_checkable
 
@@ -180,6 +181,10 @@ class Costly(System, Protocol):
         """The few of these observations over which first values are compared."""
         ...
 
+    def carefully(self) -> AbstractContextManager[None]:
+        """Within it derivatives are of their own point, or handed on once from close by."""
+        ...
+
 
 def parameters(system: System, mechanisms: Sequence[str]) -> tuple[Parameter, ...]:
     """The free parameters of the baseline with these mechanisms; one that several share is there once."""
@@ -259,3 +264,6 @@ class CostlyPart(Part):
 
     def scouts(self, which: Sequence[int]) -> Sequence[int]:
         return self.whole.scouts(which)
+
+    def carefully(self) -> AbstractContextManager[None]:
+        return self.whole.carefully()

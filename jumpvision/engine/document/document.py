@@ -234,6 +234,8 @@ def priors(d: Findings) -> record.Priors | None:
 def interval(fit: Fit, p: Parameter) -> record.Parameter:
     """A fitted parameter, the ends of its 90 % interval within its range."""
     value, half = fit.named[p.name], Z90 * fit.sigma(p.name)
+    if p.name in fit.reach:
+        return record.Parameter(value, *fit.reach[p.name], p.unit or "1")
     return record.Parameter(value, max(value - half, p.low), min(value + half, p.high), p.unit or "1")
 
 

@@ -250,6 +250,22 @@ class Priors:
     parameters: Mapping[str, Prior]
 
 
+class DoubtKind(StrEnum):
+    NO_EFFECT = "no effect"
+    CANNOT_TELL = "cannot tell"
+    STEPPED = "stepped"
+    TWO_FITS = "two fits"
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """What a simulator or its recordings do not allow to be told of parameters or mechanisms `names`, in words."""
+
+    kind: DoubtKind
+    names: tuple[str, ...]
+    words: str
+
+
 @dataclass(frozen=True)
 class Closest:
     """The likeliest model where none passes the test."""

@@ -41,7 +41,7 @@ class StudyForms:
 def with_laws(system: Studied, *laws: Mechanism) -> Studied:
     """The same recordings and runs, with laws beside the study's mechanisms."""
     wider = dataclasses.replace(system.study, mechanisms=(*system.study.mechanisms, *laws))
-    out = Studied(wider, system.recordings, system.readings, system.runs)
+    out = Studied(wider, system.recordings, system.readings, system.runs, system.probed)
     out.patterns, out.always, out.scattering = system.patterns, system.always, system.scattering
     out.candidates |= {n: system.candidates[n] for n in system.patterns}
     return out

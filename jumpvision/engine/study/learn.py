@@ -15,6 +15,7 @@ from jumpvision.engine.noise.readings import reach_of
 
 from .study import Channel, Recording, Study
 
+SMALL = 0.1  # of the noise: a smaller error of the simulator's own is left out
 STATED = 0.05  # relative standard uncertainty of a stated noise
 DEGREE = 5  # of the polynomial that a smooth course is over a window
 WINDOWS = (14, 20, 28, 40, 56, 80)  # samples
@@ -32,6 +33,19 @@ class Readings:
     noise: Noise
     sources: tuple[dict[str, Source], ...]
     warnings: tuple[str, ...]
+
+    def with_error(self, error: Array) -> Readings:
+        """With the simulator's own error (channels,) [unit] beside the noise of the instruments."""
+        own = [(n, float(e)) for n, e in zip(self.channels, error)]
+        if all(e < SMALL * n.s for n, e in own):
+            return self
+        channels = tuple(replace(n, s=float(np.hypot(n.s, e))) for n, e in own)
+        sources = tuple(
+            {**s, "the simulator": Source(e, STATED, 0)} if e >= SMALL * n.s else s
+            for s, (n, e) in zip(self.sources, own)
+        )
+        noise = channels[0] if len(channels) == 1 else self.noise
+        return replace(self, channels=channels, noise=noise, sources=sources)
 
     def scaled(self, channel: int, unit: float) -> Noise:
         """The noise of a channel in other units."""

@@ -32,5 +32,5 @@ def unmade(study: Study, recordings: Sequence[Recording]) -> list[Recording]:
 
 def offer(system: Studied, problem: Problem) -> tuple[Problem, list[int]]:
     """(the recordings with those that could be made beside them, places of these). The system's runs know them all."""
-    wider = Studied(system.study, system.runs.recordings, system.readings, system.runs)
+    wider = Studied(system.study, system.runs.recordings, system.readings, system.runs, system.probed)
     return problem.asked_of(wider), list(range(len(system.recordings), len(wider.recordings)))

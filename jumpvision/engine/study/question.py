@@ -12,10 +12,12 @@ import numpy as np
 from jumpvision.base.schema import InputError
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.document import document
+from jumpvision.engine.document.values import Doubt
 from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.order import Findings, Order, fit_baseline, silent
 
 from .learn import learn_readings
+from .probe import probe
 from .processes import How, described
 from .runs import BudgetUsed, Runs
 from .study import Recording, Study
@@ -43,10 +45,11 @@ def diagnose(recordings: Sequence[Recording], study: Study | None, how: How | No
         found, stopped = _asked(system, how)
         asked = found.problem.system if found.problem else system
         assert isinstance(asked, Studied)
+        found, ridges = _told(found, asked)
         alone = _alone(found, asked)
         stated = found.law.system if found.law else asked
         assert isinstance(stated, Studied)
-        data = document(found, StudySpeaker(stated, alone), stopped)
+        data = document(found, StudySpeaker(stated, alone, (*asked.probed.doubts, *ridges)), stopped)
         object.__setattr__(data, "traces", traces(found, stated))
         return data
     finally:
@@ -60,12 +63,25 @@ def studied(study: Study, recordings: Sequence[Recording], runs: Runs) -> Studie
     system.predict((), {p.name: p.start for p in system.baseline}, range(len(recordings)))
     if runs.count.failures:  # what the user himself gave must work, whatever may be avoided later
         raise runs.count.failures[0]
+    probed = probe(system)
+    readings = readings.with_error(probed.error)
+    system = Studied(study, recordings, readings, runs, probed).remembering(system)
     if not any(c.process for c in study.channels):
         return system
     from .walk import with_walks
 
     base = fit_baseline(problem_of(system), np.random.default_rng(SEED))
-    return Studied(study, recordings, with_walks(system, base), runs)
+    return Studied(study, recordings, with_walks(system, base), runs, probed).remembering(system)
+
+
+def _told(found: Findings, system: Studied) -> tuple[Findings, tuple[Doubt, ...]]:
+    """With intervals no narrower than the ridges that they lie on, as far as runs are left."""
+    from .doubts import told
+
+    try:
+        return told(problem_of(system), found)
+    except BudgetUsed:
+        return found, ()
 
 
 def _alone(found: Findings, system: Studied) -> Fit | None:

@@ -9,7 +9,8 @@ from __future__ import annotations
 import copy
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from numbers import Real
 from typing import TYPE_CHECKING, Self
@@ -24,6 +25,7 @@ from jumpvision.engine.series import places
 from jumpvision.engine.system import Block, Candidate, Circumstances, Observation, Parameter
 
 from .learn import Readings
+from .probe import Probed
 from .processes import Ask
 from .runs import Runs, SimulatorError
 from .study import DELAYS, INSTRUMENT, Mechanism, Recording, Study
@@ -54,21 +56,32 @@ class Studied:
     Several channels are compared in units of their own noise, one channel in its own unit.
     """
 
-    def __init__(self, study: Study, recordings: Sequence[Recording], readings: Readings, runs: Runs) -> None:
+    def __init__(
+        self,
+        study: Study,
+        recordings: Sequence[Recording],
+        readings: Readings,
+        runs: Runs,
+        probed: Probed | None = None,
+    ) -> None:
         self.study, self.recordings, self.runs, self.readings = study, list(recordings), runs, readings
+        self.probed = probed or Probed()
         self.units = [c.s for c in readings.channels] if len(study.channels) > 1 else [1.0]
         self.each = tuple(p for p in study.parameters if p.each)
         frame = float(np.median(np.concatenate([np.diff(r.t) for r in recordings])))
-        self.baseline = tuple(p.free() for p in study.parameters if not p.each) + self._instruments()
-        self.mechanisms = {m.name: m for m in study.vocabulary}
-        self.candidates = {m.name: self._candidate(m, frame) for m in study.vocabulary}
+        idle = set(self.probed.idle)
+        own = tuple(p.free() for p in study.parameters if not p.each and p.name not in idle)
+        self.baseline = own + self._instruments()
+        self.mechanisms = {m.name: m for m in study.vocabulary if not self._absent(m)}
+        self.candidates = {n: self._candidate(m, frame) for n, m in self.mechanisms.items()}
         self.rest = self._rest()  # of the simulator's parameters, mechanisms absent
         self.names = [*self.rest, *(p.name for p in self.each)]
         free = [*self.baseline, *(p for c in self.candidates.values() for p in c.parameters)]
-        self.tops = {p.name: p.high for p in free}
+        self.tops, self.bottoms = {p.name: p.high for p in free}, {p.name: p.low for p in free}
         scales = {p.name: p.scale for p in free}
         scales |= {p.name: float(p.scale or p.sigma or 1.0) for p in self.each}
-        self.scales = np.array([scales[n] for n in self.names])
+        self.scales = np.array([scales.get(n, 1.0) for n in self.names])
+        self.careful = False  # whether derivatives that were handed on do not serve
         self.masks = [np.isfinite(r.of_channels(r.values, study.channels)) for r in self.recordings]
         self.circumstances = circumstances(self.recordings)
         self.observations = [self._observation(i) for i in range(len(self.recordings))]
@@ -82,6 +95,10 @@ class Studied:
         self.scattering: tuple[str, ...] = ()
         self.always: Changes = {}  # of every prediction: about these, recordings scatter
         self.starts: dict[tuple[int, tuple[str, ...]], tuple[float, Array]] = {}  # the best so far: chi^2, values
+
+    def _absent(self, m: Mechanism) -> bool:
+        """Whether a mechanism has no effect on any output."""
+        return m.function is None and bool(m.parameters) and m.parameters[0].name in self.probed.idle
 
     @property
     def scatter_sigma(self) -> dict[str, float]:
@@ -100,13 +117,14 @@ class Studied:
         return tuple(out)
 
     def _candidate(self, m: Mechanism, frame: float) -> Candidate:
-        free = [p.free() for p in m.parameters]
+        free = [p.free() for p in m.parameters if p.name not in self.probed.idle]
         if any(m.name == c.name_of("delay") for c in self.study.channels):
             span = 0.1 * float(np.median([r.t[-1] - r.t[0] for r in self.recordings]))
             free = [dataclasses.replace(free[0], low=-span, high=span, scale=min(DELAYS * frame, span))]
         if m.function is not None and not free:
             free = [Parameter(DUMMY + m.name, 0.0, -1.0, 1.0, 1.0)]
-        shapes = tuple(tuple(float(x) for x in s) for s in m.shapes)
+        told = [p.name not in self.probed.idle for p in m.parameters[1:]]
+        shapes = tuple(tuple(float(x) for x, kept in zip(s, told) if kept) for s in m.shapes)
         return Candidate(tuple(free), m.null, shapes, replaces="simulate" if m.function is not None else "")
 
     def _rest(self) -> dict[str, float]:
@@ -216,6 +234,11 @@ class Studied:
     def _anew(self) -> Self:
         """With no memory of where predictions ended; the runs are kept."""
         self.settled, self.starts = {}, {}
+        return self
+
+    def remembering(self, other: Studied) -> Self:
+        """With the runs of another system of the same study and recordings."""
+        self.points = other.points
         return self
 
     def changes(self, mechanisms: Sequence[str], values: Mapping[str, float]) -> Changes:
@@ -484,6 +507,15 @@ class Studied:
         # first values are compared over two recordings
         return [which[k] for k in np.unique(np.linspace(0, len(which) - 1, 2).round().astype(int))]
 
+    @contextmanager
+    def carefully(self) -> Iterator[None]:
+        """Within it derivatives are of their own point, or handed on once from close by."""
+        before, self.careful = self.careful, True
+        try:
+            yield
+        finally:
+            self.careful = before
+
     def _run(self, wanted: Sequence[tuple[int, int, Array]]) -> list[_Point]:
         """The runs (recording, function, x) as points of the memory."""
         keys = [(i, function, x.tobytes()) for i, function, x in wanted]
@@ -500,30 +532,37 @@ class Studied:
         wanted, steps = [], []
         for i in which:
             here = found[i]
-            missing = [k for k in places if k not in here.columns]
+            missing = [k for k in places if k not in here.columns or here.age[k] > self._oldest]
             if not np.all(np.isfinite(here.y)):
                 here.columns.update({k: np.zeros_like(here.y) for k in missing})
                 missing = []
             if missing:
                 missing = self._handed_on(i, function, here, missing)
             for k in missing:
-                x = here.x.copy()
-                x[k] += self._step(k, x[k])
-                wanted.append((i, function, x))
-                steps.append((here, k, x[k] - here.x[k]))
-        for (here, k, step), there in zip(steps, self._run(wanted)):
-            here.columns[k], here.age[k] = (there.y - here.y) / step, 0
+                for h in self._steps(k, here.x[k]):
+                    x = here.x.copy()
+                    x[k] += h
+                    wanted.append((i, function, x))
+                    steps.append((here, k))
+        ends: dict[tuple[int, int], list[_Point]] = {}
+        for (here, k), there in zip(steps, self._run(wanted)):
+            ends.setdefault((id(here), k), []).append(there)
+        for here, k in {(id(h), k): (h, k) for h, k in steps}.values():
+            here.columns[k], here.age[k] = _slope(here, k, ends[id(here), k]), 0
         for i in which:
             if (near := self.donors.setdefault((i, function), [])) and near[-1] is found[i]:
                 continue
             near.append(found[i])
         return {i: [found[i].columns[k] for k in places] for i in which}
 
-    def _step(self, k: int, value: float) -> float:
-        """Step of a difference, away from the upper end of the range."""
+    def _steps(self, k: int, value: float) -> tuple[float, ...]:
+        """Steps of a difference: one, away from the upper end of the range; both ways where the simulator is rough."""
+        high, low = self.tops.get(self.names[k], math.inf), self.bottoms.get(self.names[k], -math.inf)
+        if (wide := self.probed.steps.get(self.names[k])) is not None:
+            ways = tuple(h for h in (wide, -wide) if low <= value + h <= high)
+            return ways or ((high - value,) if high - value > value - low else (low - value,))
         h = self.study.step * float(self.scales[k])
-        high = self.tops.get(self.names[k], math.inf)
-        return -h if value + h > high else h
+        return (-h,) if value + h > high else (h,)
 
     def _handed_on(self, i: int, function: int, here: _Point, missing: list[int]) -> list[int]:
         """Take derivatives over from the nearest point that foretells this one; those that no point can give."""
@@ -533,14 +572,20 @@ class Studied:
         change = here.y - donor.y
         left = change - sum(donor.columns[k] * shift[k] for k in np.flatnonzero(shift).tolist())
         size, all_of_it = self._size(i, left), self._size(i, change)
-        # a linear prediction may miss a tenth of a change, or half a noise unit
-        if not size <= max(0.1 * all_of_it, 0.5):
+        # a linear prediction may miss a tenth of a change, or half a noise unit; near a minimum less
+        share, least = (0.03, 0.3) if self.careful else (0.1, 0.5)
+        if not size <= max(share * all_of_it, least):
             return missing
         scaled = shift / self.scales
         for k in missing:
             update = left * (scaled[k] / self.scales[k] / float(scaled @ scaled))
             here.columns[k], here.age[k] = donor.columns[k] + update, donor.age[k] + 1
         return []
+
+    @property
+    def _oldest(self) -> int:
+        """Times that a derivative may have been handed on."""
+        return 1 if self.careful else OLD
 
     def _donor(
         self, i: int, function: int, x: Array, wanted: Sequence[int], but: _Point | None = None
@@ -552,7 +597,7 @@ class Studied:
             # a derivative from more than three scales off does not serve
             if p is but or away.max() > 3.0 or any(k not in p.columns for k in np.flatnonzero(away)):
                 continue
-            if all(p.age.get(k, OLD) < OLD for k in wanted) and (best is None or away.max() < best[0]):
+            if all(p.age.get(k, OLD) < self._oldest for k in wanted) and (best is None or away.max() < best[0]):
                 best = (float(away.max()), p)
         return None if best is None else best[1]
 
@@ -589,6 +634,13 @@ class Studied:
         at = values.get(p.name, p.start)
         ends = [self._turned(i, y, mechanisms, {**values, p.name: at + s * h}) for s in (1.0, -1.0)]
         return (ends[0] - ends[1]) / (2.0 * h)
+
+
+def _slope(here: _Point, k: int, ends: Sequence[_Point]) -> Array:
+    """d(values)/d(x[k]) by the runs at one side or at both."""
+    if len(ends) == 2:
+        return np.asarray((ends[0].y - ends[1].y) / (ends[0].x[k] - ends[1].x[k]))
+    return np.asarray((ends[0].y - here.y) / (ends[0].x[k] - here.x[k]))
 
 
 def circumstances(recordings: Sequence[Recording]) -> list[Circumstances]:

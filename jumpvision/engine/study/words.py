@@ -27,6 +27,7 @@ class StudySpeaker:
 
     system: Studied
     alone: Fit | None = None
+    doubts: tuple[record.Doubt, ...] = ()
     heights: ClassVar[bool] = False
 
     def model(self, fit: Fit) -> record.Model:
@@ -67,6 +68,7 @@ class StudySpeaker:
             unit=channels[0].unit or "1" if len(channels) == 1 else SEVERAL,
             fitted=intervals(d.best, [n for n in d.best.named if n not in self._of_recordings]),
             lacks={name: m.lacks for name, m in self.system.mechanisms.items()},
+            doubts=self.doubts,
             runs=record.Runs(count.made, count.kept, count.seconds, tuple(str(f) for f in count.failures)),
         )
 

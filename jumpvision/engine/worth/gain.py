@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from jumpvision.engine.naming import Explanation
 
 FOLDS = 4
-FEW_LAPS = 6  # of the fit of a fold, from that of all recordings
+FEW_LAPS = 2  # of the fit of a fold, from that of all recordings
 FEW_GROUPS = 3  # groups below which an interval is not stated
 
 

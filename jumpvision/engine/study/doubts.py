@@ -1,0 +1,161 @@
+"""What a fit's covariance does not know: ridges along which parameters move together without a trace.
+
+Before an interval is stated the model is run again along the direction in which the fit is weakest. Where chi^2 rises
+by less than the curvature says, the parameter is held at ever further values, the others fitted anew, up to the end of
+its range (profile likelihood): no interval is narrower than the ridge.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jumpvision.base.arrays import Array
+from jumpvision.base.numbers import said
+from jumpvision.engine.document.values import Doubt, DoubtKind
+from jumpvision.engine.fitting import Fit, Problem
+from jumpvision.engine.order import Findings
+from jumpvision.engine.priors import Measured
+
+from .system import DUMMY
+
+FAR = 2.0  # standard uncertainties at which the model is run again
+RISE = FAR**2  # of chi^2 there, as the curvature has it
+SHARE = 0.25  # of what it says, below which the curvature is not believed
+CANCEL = 0.05  # length of the summed effect of parameters over that of each: below it they hide each other
+WIDE = 0.5  # of a range: a parameter that may lie in so much of it is not told
+HELD = 1e-6  # ranges: standard deviation that holds a parameter where it is put
+LAPS, TRIES = 8, 5  # iterations of a fit beside a held parameter, ever further values
+
+
+@dataclass(frozen=True)
+class Ridge:
+    """reach: of every parameter that moves along it, its least and greatest value. whole: whether it goes on to the
+    ends of a range, so that these parameters are not told."""
+
+    reach: dict[str, tuple[float, float]]
+    whole: bool
+
+
+def told(problem: Problem, d: Findings) -> tuple[Findings, tuple[Doubt, ...]]:
+    """The findings, what they stand by with intervals that are no narrower than its ridges; those ridges."""
+    fit = d.named_fit
+    if d.law is not None or not fit.parameters or (d.naming is not None and not d.naming.named and not d.adequate):
+        return d, ()
+    found = ridges(problem, fit)
+    if not found:
+        return d, ()
+    reach = {n: ends for r in found for n, ends in r.reach.items()}
+    wider = replace(fit, covariance=_widened(fit, reach), reach=reach)
+    doubts = tuple(_doubt(fit, r) for r in found if r.whole)
+    if d.naming is not None and d.naming.named:
+        best = replace(d.naming.best, fit=wider)
+        tried = tuple(best if e is d.naming.best else e for e in d.naming.tried)
+        return replace(d, naming=replace(d.naming, best=best, tried=tried)), doubts
+    return replace(d, baseline=wider), doubts
+
+
+def _doubt(fit: Fit, r: Ridge) -> Doubt:
+    units = {p.name: f" {p.unit}" if p.unit not in ("", "1") else "" for p in fit.parameters}
+    each = ", ".join(f"{n} {said(a, '.3g')} to {said(b, '.3g')}{units[n]}" for n, (a, b) in r.reach.items())
+    what = "cannot tell them apart" if len(r.reach) > 1 else "cannot tell it"
+    return Doubt(DoubtKind.CANNOT_TELL, tuple(r.reach), f"these recordings {what}: {each} fit as well")
+
+
+def _widened(fit: Fit, reach: dict[str, tuple[float, float]]) -> Array:
+    """The covariance with the parameters of a ridge as wide as it is."""
+    wide = np.ones(len(fit.parameters))
+    for k, p in enumerate(fit.parameters):
+        if p.name in reach and (own := math.sqrt(float(fit.covariance[k, k]))) > 0.0:
+            low, high = reach[p.name]
+            wide[k] = max((high - low) / math.sqrt(12.0) / own, 1.0)
+    return np.asarray(fit.covariance * np.outer(wide, wide))
+
+
+def ridges(problem: Problem, fit: Fit) -> list[Ridge]:
+    """The ridges of a fit."""
+    free = [k for k, p in enumerate(fit.parameters) if not p.name.startswith(DUMMY)]
+    width = np.array([p.width for p in fit.parameters])
+    effects = np.vstack([*fit.jacobian, fit.known.rows])[:, free] * width[free]
+    length = np.linalg.norm(effects, axis=0)
+    out: list[Ridge] = []
+    seen: set[str] = set()
+    for k in np.flatnonzero(length == 0.0):
+        p = fit.parameters[free[k]]
+        seen.add(p.name)
+        out.append(Ridge({p.name: (p.low, p.high)}, True))
+    live = [k for k in range(len(free)) if length[k] > 0.0]
+    if not live:
+        return out
+    _, size, ways = np.linalg.svd(effects[:, live] / length[live], full_matrices=False)
+    for j in range(size.size - 1, -1, -1):
+        way = np.zeros(len(fit.parameters))
+        way[[free[k] for k in live]] = ways[j] / length[live] * width[[free[k] for k in live]]
+        if size[j] > CANCEL and (j < size.size - 1 or not _shallow(problem, fit, way / size[j])):
+            break
+        at = int(np.argmax(np.abs(way) / width))
+        if fit.parameters[at].name not in seen and (ridge := _followed(problem, fit, at, way)) is not None:
+            seen |= set(ridge.reach)
+            out.append(ridge)
+    return out
+
+
+def _within(fit: Fit, x: Array) -> dict[str, float]:
+    return {p.name: float(min(max(v, p.low), p.high)) for p, v in zip(fit.parameters, x)}
+
+
+def _shallow(problem: Problem, fit: Fit, sigma: Array) -> bool:
+    """Whether chi^2 rises less along a direction, its length a standard uncertainty, than the curvature says."""
+    for sign in (FAR, -FAR):
+        there = _within(fit, fit.values + sign * sigma)
+        moved = np.array([*there.values()]) - fit.values
+        share = float(np.linalg.norm(moved) / np.linalg.norm(sign * sigma))
+        expected = RISE * share * share
+        if expected > 0.1 * RISE and problem.cost(fit.mechanisms, there) - fit.chi2 < SHARE * expected:
+            return True
+    return False
+
+
+def _followed(problem: Problem, fit: Fit, at: int, way: Array) -> Ridge | None:
+    """The ridge along which a parameter is moved, the others fitted anew; None where its interval stands."""
+    p, value = fit.parameters[at], float(fit.values[at])
+    sigma = fit.sigma(p.name)
+    points, stands = [fit.values], True
+    for sign, end in ((1.0, p.high), (-1.0, p.low)):
+        room = abs(end - value)
+        if room <= 0.0 or sigma <= 0.0:
+            continue
+        last, off = fit.values, min(FAR * sigma, room)
+        for k in range(TRIES):
+            off = room if k == TRIES - 1 else off
+            there = _held(problem, fit, at, value + sign * off, last, way)
+            rise = math.inf if there is None else there.chi2 - fit.chi2
+            if rise > (SHARE * RISE * (off / (FAR * sigma)) ** 2 if k == 0 and off < room else RISE):
+                break
+            assert there is not None
+            last = there.values
+            points.append(last)
+            stands = False
+            if off == room:
+                break
+            off = min(4.0 * off, room)
+    low, high = np.min(points, axis=0), np.max(points, axis=0)
+    if stands:
+        return None
+    moved = [
+        k for k, q in enumerate(fit.parameters) if k == at or high[k] - low[k] > max(fit.sigma(q.name), 0.05 * q.width)
+    ]
+    reach = {fit.parameters[k].name: (float(low[k]), float(high[k])) for k in moved}
+    return Ridge(reach, bool(high[at] - low[at] > WIDE * p.width))
+
+
+def _held(problem: Problem, fit: Fit, at: int, value: float, last: Array, way: Array) -> Fit | None:
+    """The fit with one parameter held at a value, from the last one on, along the ridge."""
+    p = fit.parameters[at]
+    ahead = last + way / way[at] * (value - last[at])
+    start = {**_within(fit, ahead), p.name: value}
+    held = Measured.of(p.name, value, HELD * p.width, "held")
+    beside = Problem(problem.system, problem.noise, problem.scattered, (*problem.measured, held))
+    return beside.fit(fit.mechanisms, start, iterations=LAPS)
