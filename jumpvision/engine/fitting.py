@@ -26,6 +26,7 @@ ITERATIONS = 30
 BROAD = 100.0  # ranges: standard deviation, as of a parameter that nothing else says anything of
 ENOUGH = 1e-3  # a smaller expected fall of chi^2 is not worth a step
 ROUGH = 5e-3  # share of chi^2 that is not worth a step where runs are dear: a model that misses so much is refused
+SCANS, REACHES = 3, (0.5, 1.0, 2.0, 4.0)  # of a rough function: how often, and how many widths, it is looked along
 FINE = 1e-5  # the same share in a fit to its minimum
 
 
@@ -305,13 +306,40 @@ class Problem:
         return fit
 
     def polished(self, fit: Fit) -> Fit:
-        """A fit of a system whose runs are dear, gone on with derivatives of its own points until no step is worth it."""
+        """A fit of a system whose runs are dear, gone on with derivatives of its own points until no step is worth it;
+        where the system is rough, also from the best points along the directions in which it is weakest."""
         system = self.system
         if not (isinstance(system, Costly) and fit.parameters):
             return fit
         with system.carefully():
             again = self.fit(fit.mechanisms, fit.named, careful=True)
-        return fit if again is None or again.chi2 > fit.chi2 + ENOUGH else again
+            fit = fit if again is None or again.chi2 > fit.chi2 + ENOUGH else again
+            for _ in range(SCANS if system.rough else 0):
+                start = self._along(fit)
+                again = None if start is None else self.fit(fit.mechanisms, start, careful=True)
+                if again is None or again.chi2 > fit.chi2 - max(1.0, ENOUGH * fit.chi2):
+                    break
+                fit = again
+        return fit
+
+    def _along(self, fit: Fit) -> dict[str, float] | None:
+        """The best of a few points along the two directions in which a fit is weakest, as far as misfit makes them
+        wide; None where none is better than the fit."""
+        width = np.array([p.width for p in fit.parameters])
+        size, ways = np.linalg.eigh(fit.covariance / np.outer(width, width))
+        wide = math.sqrt(max(fit.chi2 / max(self.n, 1), 1.0))
+        low, high = (np.array([getattr(p, end) for p in fit.parameters]) for end in ("low", "high"))
+        tries = [
+            np.clip(fit.values + sign * far * wide * math.sqrt(size[k]) * ways[:, k] * width, low, high)
+            for k in range(size.size)[-2:]
+            for far in REACHES
+            for sign in (1.0, -1.0)
+        ]
+        names = [p.name for p in fit.parameters]
+        sets = [dict(zip(names, x.tolist())) for x in tries]
+        cost = self.costs(fit.mechanisms, sets, None, fit.frame)
+        best = int(np.argmin(cost))
+        return sets[best] if cost[best] < fit.chi2 - ENOUGH else None
 
     def evidence_near(self, fit: Fit) -> float:
         """The log evidence that a fit of these observations from `fit` would have, linear about it: without a run."""

@@ -171,6 +171,11 @@ class System(Protocol):
 class Costly(System, Protocol):
     """A system whose every run costs: it gives derivatives by what it has learned, and is asked of few motions."""
 
+    @property
+    def rough(self) -> bool:
+        """Whether its predictions move in steps, or with noise of their own."""
+        ...
+
     def derivatives(
         self, mechanisms: tuple[str, ...], free: Sequence[Parameter], values: Mapping[str, float], which: Sequence[int]
     ) -> list[Array]:
@@ -256,6 +261,10 @@ class CostlyPart(Part):
     """Some observations of a system whose runs are dear."""
 
     whole: Costly
+
+    @property
+    def rough(self) -> bool:
+        return self.whole.rough
 
     def derivatives(
         self, mechanisms: tuple[str, ...], free: Sequence[Parameter], values: Mapping[str, float], which: Sequence[int]

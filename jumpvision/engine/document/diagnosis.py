@@ -40,6 +40,7 @@ from .values import (
     Priors,
     Runs,
     Selection,
+    Simulated,
     Status,
     Suggested,
     Trace,
@@ -66,8 +67,8 @@ class Diagnosis(Record):
 
     Of a user's own simulator also: unit, of every number whose key ends in _m ("noise": several channels, in units of
     their noise); fitted, the parameters of the extended model; lacks, the mechanisms in words; runs; doubts: parameters
-    without effect, that cannot be told, to which the simulator answers in steps; traces (not in the file), measured and
-    simulated values.
+    without effect, that cannot be told, to which the simulator answers in steps; simulated: open-loop error of every
+    model named; traces (not in the file), measured and simulated values.
     """
 
     file = FILE
@@ -105,6 +106,7 @@ class Diagnosis(Record):
     lacks: Mapping[str, str] | None = field(default=None, metadata=OPTIONAL)
     runs: Runs | None = field(default=None, metadata=OPTIONAL)
     doubts: tuple[Doubt, ...] = field(default=(), metadata=OPTIONAL)
+    simulated: tuple[Simulated, ...] = field(default=(), metadata=OPTIONAL)
     sentence: str
     confirmed: str | None
     traces: ClassVar[tuple[Trace, ...]] = ()

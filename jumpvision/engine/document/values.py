@@ -266,6 +266,29 @@ class Doubt:
     words: str
 
 
+class ByFit(StrEnum):
+    """How errors were weighed: as noise of the readings, as a random walk of the simulation, or, beside that, as
+    independent errors of the simulation."""
+
+    NOISE = "noise"
+    PROCESS = "process"
+    OUTPUT_ERROR = "output error"
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """A model run open loop over all recordings: rms of measured minus simulated, by channel, in the channel's unit.
+
+    mechanisms: beside the baseline. by: how its fit weighed errors. parameters: of that fit.
+    """
+
+    mechanisms: tuple[str, ...]
+    by: ByFit
+    chi2_per_dof: float
+    rms: Mapping[str, float]
+    parameters: Mapping[str, Parameter]
+
+
 @dataclass(frozen=True)
 class Closest:
     """The likeliest model where none passes the test."""

@@ -47,6 +47,10 @@ class Readings:
         noise = channels[0] if len(channels) == 1 else self.noise
         return replace(self, channels=channels, noise=noise, sources=sources)
 
+    def of(self, channels: tuple[Noise, ...], noise: Noise) -> Readings:
+        """The same with other noise."""
+        return replace(self, channels=channels, noise=noise)
+
     def scaled(self, channel: int, unit: float) -> Noise:
         """The noise of a channel in other units."""
         n = self.channels[channel]

@@ -12,7 +12,7 @@ import numpy as np
 from jumpvision.base.schema import InputError
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.document import document
-from jumpvision.engine.document.values import Doubt
+from jumpvision.engine.document.values import Doubt, Simulated
 from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.order import Findings, Order, fit_baseline, silent
 
@@ -22,7 +22,7 @@ from .processes import How, described
 from .runs import BudgetUsed, Runs
 from .study import Recording, Study
 from .system import Studied
-from .words import StudySpeaker, traces
+from .words import StudySpeaker, simulated, traces
 
 if TYPE_CHECKING:
     from jumpvision.engine.discovery import Laws
@@ -47,9 +47,10 @@ def diagnose(recordings: Sequence[Recording], study: Study | None, how: How | No
         assert isinstance(asked, Studied)
         found, ridges = _told(found, asked)
         alone = _alone(found, asked)
+        shown, apart = _simulated(found, asked)
         stated = found.law.system if found.law else asked
         assert isinstance(stated, Studied)
-        data = document(found, StudySpeaker(stated, alone, (*asked.probed.doubts, *ridges)), stopped)
+        data = document(found, StudySpeaker(stated, alone, (*asked.probed.doubts, *ridges, *apart), shown), stopped)
         object.__setattr__(data, "traces", traces(found, stated))
         return data
     finally:
@@ -82,6 +83,22 @@ def _told(found: Findings, system: Studied) -> tuple[Findings, tuple[Doubt, ...]
         return told(problem_of(system), found)
     except BudgetUsed:
         return found, ()
+
+
+def _simulated(found: Findings, system: Studied) -> tuple[tuple[Simulated, ...], tuple[Doubt, ...]]:
+    """How far the models that are told are off, open loop; where runs are left also fitted to be least so."""
+    fits = [found.baseline, *([found.named_fit] if found.named_fit is not found.baseline else [])]
+    problem = problem_of(system)
+    own = simulated(system, problem, fits)
+    if not any(c.process for c in system.study.channels):
+        return tuple(own), ()
+    from .outputs import output_errors
+
+    try:
+        more, apart = output_errors(problem, fits)
+    except BudgetUsed:
+        return tuple(own), ()
+    return (*own, *more), apart
 
 
 def _alone(found: Findings, system: Studied) -> Fit | None:

@@ -507,6 +507,11 @@ class Studied:
         # first values are compared over two recordings
         return [which[k] for k in np.unique(np.linspace(0, len(which) - 1, 2).round().astype(int))]
 
+    @property
+    def rough(self) -> bool:
+        """Whether the simulator moves in steps, or with noise of its own, as what all recordings share is changed."""
+        return bool(set(self.probed.steps) - {p.name for p in self.each})
+
     @contextmanager
     def carefully(self) -> Iterator[None]:
         """Within it derivatives are of their own point, or handed on once from close by."""

@@ -12,7 +12,7 @@ from jumpvision.engine.document import values as record
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.document import agreement, interval
 from jumpvision.engine.document.words import Words
-from jumpvision.engine.fitting import Fit
+from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.order import Findings
 
 from .system import DUMMY, Studied
@@ -28,6 +28,7 @@ class StudySpeaker:
     system: Studied
     alone: Fit | None = None
     doubts: tuple[record.Doubt, ...] = ()
+    simulated: tuple[record.Simulated, ...] = ()
     heights: ClassVar[bool] = False
 
     def model(self, fit: Fit) -> record.Model:
@@ -69,6 +70,7 @@ class StudySpeaker:
             fitted=intervals(d.best, [n for n in d.best.named if n not in self._of_recordings]),
             lacks={name: m.lacks for name, m in self.system.mechanisms.items()},
             doubts=self.doubts,
+            simulated=self.simulated,
             runs=record.Runs(count.made, count.kept, count.seconds, tuple(str(f) for f in count.failures)),
         )
 
@@ -99,6 +101,28 @@ def model_name(system: Studied) -> str:
 def intervals(fit: Fit, names: Sequence[str]) -> dict[str, record.Parameter]:
     """Parameters by name with their 90 % intervals, without what does nothing."""
     return {p.name: interval(fit, p) for p in fit.parameters if p.name in names and not p.name.startswith(DUMMY)}
+
+
+def rms_by_channel(system: Studied, fit: Fit) -> dict[str, float]:
+    """Root mean square of measured minus simulated, open loop, in each channel's unit."""
+    total: dict[str, list[float]] = {}
+    predicted = system.predict(fit.mechanisms, fit.named, range(len(system.observations)))
+    for i, (o, y) in enumerate(zip(system.observations, predicted)):
+        channels = [c for c, m in zip(system.study.channels, system.masks[i].T) if m.sum() >= 2]
+        for c, b in zip(channels, o.blocks):
+            off = (o.y - y)[b.readings] * system.units[system.study.channels.index(c)]
+            total.setdefault(c.name, []).extend((off * off).tolist())
+    return {n: math.sqrt(sum(x) / len(x)) for n, x in total.items()}
+
+
+def simulated(system: Studied, problem: Problem, fits: Sequence[Fit]) -> list[record.Simulated]:
+    """Every model as its own fit simulates it."""
+    by = record.ByFit.PROCESS if any(c.process for c in system.study.channels) else record.ByFit.NOISE
+    out = []
+    for f in fits:
+        n = max(problem.n - len(f.parameters), 1)
+        out.append(record.Simulated(f.mechanisms, by, f.chi2 / n, rms_by_channel(system, f), intervals(f, list(f.named))))
+    return out
 
 
 def noise_of(d: Findings, system: Studied) -> record.Noise:
