@@ -320,7 +320,19 @@ class Problem:
                 if again is None or again.chi2 > fit.chi2 - max(1.0, ENOUGH * fit.chi2):
                     break
                 fit = again
-        return fit
+        return self._close(fit) if system.rough else fit
+
+    def _close(self, fit: Fit) -> Fit:
+        """A fit of a rough function with derivatives over the usual short steps, as far as they still lead down; its
+        covariance by the long ones."""
+        system = self.system
+        assert isinstance(system, Costly)
+        with system.carefully(fine=True):
+            again = self.fit(fit.mechanisms, fit.named, careful=True)
+        if again is None or again.chi2 >= fit.chi2 - ENOUGH:
+            return fit
+        with system.carefully():
+            return self.fit(fit.mechanisms, again.named, iterations=0) or fit
 
     def _along(self, fit: Fit) -> dict[str, float] | None:
         """The best of a few points along the two directions in which a fit is weakest, as far as misfit makes them

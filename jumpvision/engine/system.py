@@ -186,8 +186,9 @@ class Costly(System, Protocol):
         """The few of these observations over which first values are compared."""
         ...
 
-    def carefully(self) -> AbstractContextManager[None]:
-        """Within it derivatives are of their own point, or handed on once from close by."""
+    def carefully(self, fine: bool = False) -> AbstractContextManager[None]:
+        """Within it derivatives are of their own point, or handed on once from close by. fine: over the usual short
+        steps, where the system is rough too."""
         ...
 
 
@@ -274,5 +275,5 @@ class CostlyPart(Part):
     def scouts(self, which: Sequence[int]) -> Sequence[int]:
         return self.whole.scouts(which)
 
-    def carefully(self) -> AbstractContextManager[None]:
-        return self.whole.carefully()
+    def carefully(self, fine: bool = False) -> AbstractContextManager[None]:
+        return self.whole.carefully(fine)

@@ -82,6 +82,7 @@ class Studied:
         scales |= {p.name: float(p.scale or p.sigma or 1.0) for p in self.each}
         self.scales = np.array([scales.get(n, 1.0) for n in self.names])
         self.careful = False  # whether derivatives that were handed on do not serve
+        self.fine = False  # whether steps are the usual ones where the simulator is rough too
         self.masks = [np.isfinite(r.of_channels(r.values, study.channels)) for r in self.recordings]
         self.circumstances = circumstances(self.recordings)
         self.observations = [self._observation(i) for i in range(len(self.recordings))]
@@ -513,13 +514,25 @@ class Studied:
         return bool(set(self.probed.steps) - {p.name for p in self.each})
 
     @contextmanager
-    def carefully(self) -> Iterator[None]:
-        """Within it derivatives are of their own point, or handed on once from close by."""
-        before, self.careful = self.careful, True
+    def carefully(self, fine: bool = False) -> Iterator[None]:
+        """Within it derivatives are of their own point, or handed on once from close by. fine: over the usual short
+        steps, where the simulator is rough too."""
+        before, self.careful, self.fine = (self.careful, self.fine), True, fine
+        if fine:
+            self._forget()
         try:
             yield
         finally:
-            self.careful = before
+            self.careful, self.fine = before
+            if fine:
+                self._forget()
+
+    def _forget(self) -> None:
+        """The derivatives; the runs that they came from are kept."""
+        self.donors.clear()
+        for p in self.points.values():
+            p.columns.clear()
+            p.age.clear()
 
     def _run(self, wanted: Sequence[tuple[int, int, Array]]) -> list[_Point]:
         """The runs (recording, function, x) as points of the memory."""
@@ -563,7 +576,7 @@ class Studied:
     def _steps(self, k: int, value: float) -> tuple[float, ...]:
         """Steps of a difference: one, away from the upper end of the range; both ways where the simulator is rough."""
         high, low = self.tops.get(self.names[k], math.inf), self.bottoms.get(self.names[k], -math.inf)
-        if (wide := self.probed.steps.get(self.names[k])) is not None:
+        if not self.fine and (wide := self.probed.steps.get(self.names[k])) is not None:
             ways = tuple(h for h in (wide, -wide) if low <= value + h <= high)
             return ways or ((high - value,) if high - value > value - low else (low - value,))
         h = self.study.step * float(self.scales[k])
