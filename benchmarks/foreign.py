@@ -371,7 +371,7 @@ def follower(t: Array, step: Callable[[float], float], delay: Callable[[str], fl
 
 
 def delay(rng: Generator) -> Said:
-    """Truth: the command is late by 8 ms; offered: the torque is. Misfit that is left, or damping within its interval."""
+    """Truth: the command is late by 8 ms; offered: the torque is. Misfit is left, or damping is right."""
     t, out = np.arange(0.0, 3.0, 0.02), []
 
     def command(rate: float) -> Callable[[float], float]:
@@ -411,8 +411,8 @@ def delay(rng: Generator) -> Said:
 
 # -- a real axis --
 def servo(_: Generator) -> Said:
-    """The published structure over the whole record <= 2.9 mm rms, simulated; a half by the other one, structure and walk
-    as diagnosed of both, <= 4 mm."""
+    """The published structure over the whole record <= 2.9 mm rms, simulated; a half by the other one, structure and
+    walk as diagnosed of both, <= 4 mm."""
     from .servo_axis import by_study, one_record, rms, strokes
     from .servo_axis import servo as axis
 

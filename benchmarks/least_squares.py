@@ -91,7 +91,11 @@ CASES = {
         0.01,
     ),
     "saturation": Case(
-        lambda t, p: p["v"] * t / (p["k"] + t), LINE + 0.05, {"v": (1, 0, 9), "k": (1, 0.01, 9)}, {"v": 2, "k": 0.3}, 0.02
+        lambda t, p: p["v"] * t / (p["k"] + t),
+        LINE + 0.05,
+        {"v": (1, 0, 9), "k": (1, 0.01, 9)},
+        {"v": 2, "k": 0.3},
+        0.02,
     ),
     "growth": Case(
         lambda t, p: p["top"] / (1 + np.exp(-p["r"] * (t - p["mid"]))),

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from jumpvision.experiment.inputs.experiment import Campaign, Experiment
 
 PathLike = str | os.PathLike[str]
+RUNS = "runs.sqlite"  # in a folder of results: every run, for the next call
 
 
 def diagnose(
@@ -41,14 +42,17 @@ def diagnose(
     results and workers is not used then. With one, asked is recordings of anything, or a long table with the columns
     recording, time_s and a column a channel, and the study's own simulator is questioned (docs/any_simulator.md):
     workers: other processes that simulate (none: this one). limit: seconds of a run (in another process). budget: most
-    runs. keep: file that keeps every run, from which a later call goes on. avoid: go round parameters at which a run
-    fails, instead of stopping. progress: told how far it is, e.g. print. Nothing is written unless results names a
-    folder: diagnosis.json, samples.csv, diagnosis.png, report.html.
+    runs. keep: file that keeps every run, from which a later call goes on (default: beside the results, begun anew when
+    a run comes out otherwise). avoid: go round parameters at which a run fails, instead of stopping. progress: told how
+    far it is, e.g. print. Ctrl-C ends it with what is known by then. Nothing is written unless results names a folder:
+    diagnosis.json, samples.csv, diagnosis.png, report.html, runs.sqlite.
 
     Example: jv.diagnose("my_campaign").sentence
     """
     if study is not None:
-        how = How(workers or 0, limit, budget, None if keep is None else Path(keep), avoid, progress)
+        beside = Path(results) / RUNS if results is not None and keep is None else None
+        kept = beside if keep is None else Path(keep)
+        how = How(workers or 0, limit, budget, kept, avoid, progress, doubted=beside is not None)
         return _of_study(asked, study, how, None if results is None else Path(results))
     if not _is_folder(asked):
         raise InputError(["diagnose: recordings need the study that simulates them: jv.diagnose(recordings, study)"])

@@ -126,7 +126,7 @@ def test_written_only_where_asked(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
     jv.diagnose(world(n=2), study(), results=tmp_path / "out")
     made = {f.name for f in (tmp_path / "out").iterdir()}
-    assert made == {"diagnosis.json", "samples.csv", "diagnosis.png", "report.html"}
+    assert made == {"diagnosis.json", "samples.csv", "diagnosis.png", "report.html", "runs.sqlite"}
 
 
 def test_a_gain_over_two_recordings_has_no_interval():

@@ -26,7 +26,8 @@ ITERATIONS = 30
 BROAD = 100.0  # ranges: standard deviation, as of a parameter that nothing else says anything of
 ENOUGH = 1e-3  # a smaller expected fall of chi^2 is not worth a step
 ROUGH = 5e-3  # share of chi^2 that is not worth a step where runs are dear: a model that misses so much is refused
-SCANS, REACHES = 3, (0.5, 1.0, 2.0, 4.0)  # of a rough function: how often, and how many widths, it is looked along
+SCANS, WEAKEST = 3, 2  # of a rough function: how often it is looked along how many directions
+REACHES, NEAR = (0.5, 1.0, 2.0, 4.0), (0.3, 0.1, 0.03)  # widths at which: far along the weakest, close along all
 FINE = 1e-5  # the same share in a fit to its minimum
 
 
@@ -305,37 +306,44 @@ class Problem:
         fit.log_evidence -= 0.5 * sum(float(np.sum(np.log1p(size * size))) for _, size in frame)
         return fit
 
-    def polished(self, fit: Fit) -> Fit:
+    def polished(self, fit: Fit, *, about: bool = True) -> Fit:
         """A fit of a system whose runs are dear, gone on with derivatives of its own points until no step is worth it;
-        where the system is rough, also from the best points along the directions in which it is weakest."""
+        where the system is rough, also from the best points about it, along the directions in which it is weakest."""
         system = self.system
         if not (isinstance(system, Costly) and fit.parameters):
             return fit
         with system.carefully():
             again = self.fit(fit.mechanisms, fit.named, careful=True)
             fit = fit if again is None or again.chi2 > fit.chi2 + ENOUGH else again
-            for _ in range(SCANS if system.rough else 0):
-                start = self._along(fit)
+            for _ in range(SCANS if about and system.rough else 0):
+                start = self._along(fit, WEAKEST, REACHES)
                 again = None if start is None else self.fit(fit.mechanisms, start, careful=True)
                 if again is None or again.chi2 > fit.chi2 - max(1.0, ENOUGH * fit.chi2):
                     break
                 fit = again
-        return self._close(fit) if system.rough else fit
+        return self._close(fit) if about and system.rough else fit
 
     def _close(self, fit: Fit) -> Fit:
         """A fit of a rough function with derivatives over the usual short steps, as far as they still lead down; its
         covariance by the long ones."""
-        system = self.system
+        system, best = self.system, fit
         assert isinstance(system, Costly)
         with system.carefully(fine=True):
-            again = self.fit(fit.mechanisms, fit.named, careful=True)
-        if again is None or again.chi2 >= fit.chi2 - ENOUGH:
+            start: dict[str, float] | None = fit.named
+            for _ in range(SCANS):
+                again = None if start is None else self.fit(fit.mechanisms, start, careful=True)
+                if again is None or again.chi2 >= best.chi2 - ENOUGH:
+                    again = best
+                best = again
+                if (start := self._along(replace(best, covariance=fit.covariance), len(fit.parameters), NEAR)) is None:
+                    break
+        if best is fit:
             return fit
         with system.carefully():
-            return self.fit(fit.mechanisms, again.named, iterations=0) or fit
+            return self.fit(fit.mechanisms, best.named, iterations=0) or fit
 
-    def _along(self, fit: Fit) -> dict[str, float] | None:
-        """The best of a few points along the two directions in which a fit is weakest, as far as misfit makes them
+    def _along(self, fit: Fit, directions: int, reaches: Sequence[float]) -> dict[str, float] | None:
+        """The best of a few points along so many directions in which a fit is weakest, as far as misfit makes them
         wide; None where none is better than the fit."""
         width = np.array([p.width for p in fit.parameters])
         size, ways = np.linalg.eigh(fit.covariance / np.outer(width, width))
@@ -343,8 +351,8 @@ class Problem:
         low, high = (np.array([getattr(p, end) for p in fit.parameters]) for end in ("low", "high"))
         tries = [
             np.clip(fit.values + sign * far * wide * math.sqrt(size[k]) * ways[:, k] * width, low, high)
-            for k in range(size.size)[-2:]
-            for far in REACHES
+            for k in range(size.size)[-directions:]
+            for far in reaches
             for sign in (1.0, -1.0)
         ]
         names = [p.name for p in fit.parameters]

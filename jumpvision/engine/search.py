@@ -104,9 +104,12 @@ class Search:
         if key not in self.tests:
             self._look(key)
             near = self.tests[key].discrepant and self.tests[key].chi2_per_dof < NEAR
-            if near and isinstance(self.problem.system, Costly) and self.keep(self.problem.polished(self.fits[key])):
+            if near and isinstance(self.problem.system, Costly) and self.keep(self._better(key)):
                 self._look(key)  # what a fit that stopped short leaves is no misfit
         return self.tests[key]
+
+    def _better(self, key: Key) -> Fit:
+        return self.problem.polished(self.fits[key], about=False)
 
     def _look(self, key: Key) -> None:
         fit = self.fits[key]

@@ -110,7 +110,9 @@ def document(d: Findings, speaker: Speaker, stopped: str = "") -> Diagnosis:
     off = rms(np.array([h.simulated_m - h.measured_m for h in data.heights]))
     data = replace(data, baseline=replace(data.baseline, rmse_height_m=off))
     words = speaker.words(data)
-    return replace(data, sentence=sentence(data, words, stopped), confirmed=contradictions(data, words.apart))
+    untold = [x.words for x in data.doubts if x.kind != record.DoubtKind.STEPPED]
+    told = " ".join([sentence(data, words, stopped), *(f"{x[0].upper()}{x[1:].rstrip('.?')}." for x in untold)])
+    return replace(data, sentence=told, confirmed=contradictions(data, words.apart))
 
 
 def varies(d: Findings) -> tuple[record.Varies, ...]:

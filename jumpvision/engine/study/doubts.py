@@ -19,12 +19,13 @@ from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.order import Findings
 from jumpvision.engine.priors import Measured
 
-from .system import DUMMY
+from .system import DUMMY, Studied
 
 FAR = 2.0  # standard uncertainties at which the model is run again
 RISE = FAR**2  # of chi^2 there, as the curvature has it
 SHARE = 0.25  # of what it says, below which the curvature is not believed
 CANCEL = 0.05  # length of the summed effect of parameters over that of each: below it they hide each other
+OWN = 0.02  # share of a mechanism's effect that nothing fitted can make: below it the mechanism is hidden
 WIDE = 0.5  # of a range: a parameter that may lie in so much of it is not told
 HELD = 1e-6  # ranges: standard deviation that holds a parameter where it is put
 LAPS, TRIES = 8, 5  # iterations of a fit beside a held parameter, ever further values
@@ -55,6 +56,25 @@ def told(problem: Problem, d: Findings) -> tuple[Findings, tuple[Doubt, ...]]:
         tried = tuple(best if e is d.naming.best else e for e in d.naming.tried)
         return replace(d, naming=replace(d.naming, best=best, tried=tried)), doubts
     return replace(d, baseline=wider), doubts
+
+
+def hidden(problem: Problem, d: Findings) -> tuple[Doubt, ...]:
+    """Mechanisms whose whole effect the fitted parameters can make too."""
+    test = d.naming.best.detection if d.naming and d.naming.named else d.detection
+    if test is None or not d.named_fit.parameters:
+        return ()
+    own: dict[str, float] = {}
+    for x in test.directions:
+        own[x.mechanism] = max(own.get(x.mechanism, 0.0), x.kept)
+    system = problem.system
+    assert isinstance(system, Studied)
+    asked = [m for m in system.mechanisms if not system.candidates[m].replaces and m not in d.named_fit.mechanisms]
+    free = ", ".join(p.name for p in d.named_fit.parameters if not p.name.startswith(DUMMY))
+    return tuple(
+        Doubt(DoubtKind.CANNOT_TELL, (m,), f"these recordings cannot tell {m} from what is fitted ({free})")
+        for m in asked
+        if own.get(m, 0.0) < OWN
+    )
 
 
 def _doubt(fit: Fit, r: Ridge) -> Doubt:

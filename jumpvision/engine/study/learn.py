@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
+from jumpvision.engine.document.values import Doubt
 from jumpvision.engine.noise.learning import Source, differences, learn_level, with_wander
 from jumpvision.engine.noise.noise import Noise, Stretch, frame_of, powers, rounding_step, whitened
 from jumpvision.engine.noise.readings import reach_of
@@ -55,6 +56,18 @@ class Readings:
         """The noise of a channel in other units."""
         n = self.channels[channel]
         return replace(n, s=n.s / unit, drift=n.drift / unit)
+
+
+@dataclass(frozen=True)
+class Probed:
+    """steps: of a difference, by parameter, where the usual one does not serve; there it is taken on both sides.
+    idle: parameters that change no output. error: (channels,) rms by which the function strays from a smooth one, in
+    the channels' units. doubts: what a reader must know of it."""
+
+    steps: Mapping[str, float] = field(default_factory=dict)
+    idle: tuple[str, ...] = ()
+    error: Array = field(default_factory=lambda: np.zeros(0))
+    doubts: tuple[Doubt, ...] = ()
 
 
 def learn_readings(study: Study, recordings: Sequence[Recording]) -> Readings:

@@ -40,8 +40,9 @@ def output_errors(problem: Problem, fits: list[Fit]) -> tuple[list[record.Simula
             model = " + ".join(best.mechanisms) or "the model as it is"
             text = (
                 f"open loop, {model} errs by (rms; fitted with process=True, and fitted to the recordings' readings) "
-                f"{each}: a fit that foretells the course is there, so either the model errs by more than random kicks, "
-                "or its parameters make up for what it lacks; their values differ between the two fits for it"
+                f"{each}: the model can follow the record much better than small random kicks would have it, so either "
+                "it lacks something slow, which the second fit's parameters make up for, or there are few kicks; take "
+                "the first where parameters matter, the second where the course does, and say which"
             )
             doubts.append(record.Doubt(record.DoubtKind.TWO_FITS, best.mechanisms, text))
     return out, tuple(doubts)
@@ -60,4 +61,3 @@ def _fitted(problem: Problem, system: Studied, fit: Fit, before: dict[str, float
     first = {p.name: p.start for p in fit.parameters}
     fits = [f for start in (fit.named, first) if (f := beside.fit(fit.mechanisms, start)) is not None]
     return beside.polished(min(fits, key=lambda f: f.chi2)) if fits else None
-

@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,28 +19,15 @@ from jumpvision.base.arrays import Array
 from jumpvision.base.numbers import said
 from jumpvision.engine.document.values import Doubt, DoubtKind
 
+from .learn import Probed
 from .runs import BudgetUsed, SimulatorError
-
-if TYPE_CHECKING:
-    from .system import Studied
+from .system import Studied
 
 FINE = (1e-3, 3e-2, 1.0)  # scales: changes by which every parameter is moved; the first is `Study(step=)`
 LADDER = (1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0)  # the same where the slopes of these disagree
 ALIKE = 0.05  # of a slope: so much a smooth function's may differ from what larger changes foretell, over FINE
 CLOSE = 0.02  # the same over LADDER, whose steps are shorter
 LEAST = 1e-2  # scales: a shorter step is not taken where a function is rough
-
-
-@dataclass(frozen=True)
-class Probed:
-    """steps: of a difference, by parameter, where the usual one does not serve; there it is taken on both sides.
-    idle: parameters that change no output. error: (channels,) rms by which the function strays from a smooth one, in
-    the channels' units. doubts: what a reader must know of it."""
-
-    steps: Mapping[str, float] = field(default_factory=dict)
-    idle: tuple[str, ...] = ()
-    error: Array = field(default_factory=lambda: np.zeros(0))
-    doubts: tuple[Doubt, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -90,7 +76,7 @@ def probe(system: Studied) -> Probed:
         pass
     for p in idle:
         what = f"mechanism {p.owner!r}: its parameter" if p.owner else "parameter"
-        text = f"{what} {p.name!r} has no effect on any output: does the function read it by this name?"
+        text = f"{what} {p.name!r} has no effect on any output: see whether the function reads it by this name"
         doubts.append(Doubt(DoubtKind.NO_EFFECT, (p.name,), text))
     return Probed(steps, tuple(p.name for p in idle), error, tuple(doubts))
 
@@ -163,7 +149,7 @@ class _Look:
         flat = self.changes.reshape(s.size, -1)
         c = np.linalg.solve(powers[-3:], flat[-3:])
         left = (flat[:-3] - powers[:-3] @ c).reshape(-1, *self.changes.shape[1:])
-        return c.reshape(3, *self.changes.shape[1:]), s, left
+        return np.asarray(c.reshape(3, *self.changes.shape[1:]), float), s, left
 
     def step(self) -> float:
         """At which the function's own error and the curvature harm a difference on both sides least."""

@@ -8,6 +8,7 @@ import inspect
 import multiprocessing
 import os
 import pickle
+import signal
 import sys
 import threading
 import time
@@ -49,8 +50,9 @@ class How:
     """How runs are made. workers: other processes (0: this one, which then cannot outlive a crash or a hang).
 
     limit: seconds that a run may take. budget: most runs. keep: file that keeps every run, from which a later call goes
-    on. avoid: take a failed run for parameters that cannot be followed instead of stopping. progress: told of the
-    count, in words, every second. source: MODULE:NAME of the study, imported by the other processes alone.
+    on; doubted: where one of its runs comes out otherwise now, the file begins anew. avoid: take a failed run for
+    parameters that cannot be followed instead of stopping. progress: told of the count, in words, every second. source:
+    MODULE:NAME of the study, imported by the other processes alone.
     """
 
     workers: int = 0
@@ -60,6 +62,7 @@ class How:
     avoid: bool = False
     progress: Callable[[str], None] | None = None
     source: str = ""
+    doubted: bool = False
 
 
 @dataclass(frozen=True)
@@ -138,13 +141,18 @@ class Others:
 
     def results(self, asked: Sequence[Ask]) -> Iterator[tuple[int, Given]]:
         waiting = deque(enumerate(asked))
-        while waiting or any(p.busy for p in self.processes):
-            for i, p in enumerate(self.processes):
-                if p.dead:
-                    self.processes[i] = p = _Process(self.context, self.given)
-                if not p.busy and waiting:
-                    p.begin(*waiting.popleft())
-            yield from self._results()
+        try:
+            while waiting or any(p.busy for p in self.processes):
+                for i, p in enumerate(self.processes):
+                    if p.dead:
+                        self.processes[i] = p = _Process(self.context, self.given)
+                    if not p.busy and waiting:
+                        p.begin(*waiting.popleft())
+                yield from self._results()
+        finally:  # what nobody waits for any more must not answer the next question
+            for p in self.processes:
+                if p.busy:
+                    p.end()
 
     def _results(self) -> Iterator[tuple[int, Given]]:
         busy = {p.connection: p for p in self.processes if p.busy}
@@ -232,6 +240,7 @@ def _context(study: Study, source: str) -> Any:
 def _serve(connection: Connection, folder: str, given: tuple[Study | str, list[Recording]]) -> None:
     """The other process: runs what it is asked for until nobody asks any more."""
     threading.Thread(target=end_with_parent, daemon=True).start()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for who asks
     os.dup2(2, 1)  # what a simulator prints must not stand in the command's result
     source, recordings = given
     try:

@@ -27,6 +27,7 @@ from .words import StudySpeaker, simulated, traces
 if TYPE_CHECKING:
     from jumpvision.engine.discovery import Laws
 
+LOOKED, NAMED = 0.18, 0.85  # of all runs, made when causes are asked for and when they are named (benchmarks.foreign)
 SEED = 1  # of the simulated noise: the same data give the same answer
 
 
@@ -45,9 +46,9 @@ def diagnose(recordings: Sequence[Recording], study: Study | None, how: How | No
         found, stopped = _asked(system, how)
         asked = found.problem.system if found.problem else system
         assert isinstance(asked, Studied)
-        found, ridges = _told(found, asked)
+        found, ridges = (found, ()) if stopped else _told(found, asked)
         alone = _alone(found, asked)
-        shown, apart = _simulated(found, asked)
+        shown, apart = _simulated(found, asked, whole=not stopped)
         stated = found.law.system if found.law else asked
         assert isinstance(stated, Studied)
         data = document(found, StudySpeaker(stated, alone, (*asked.probed.doubts, *ridges, *apart), shown), stopped)
@@ -77,20 +78,22 @@ def studied(study: Study, recordings: Sequence[Recording], runs: Runs) -> Studie
 
 def _told(found: Findings, system: Studied) -> tuple[Findings, tuple[Doubt, ...]]:
     """With intervals no narrower than the ridges that they lie on, as far as runs are left."""
-    from .doubts import told
+    from .doubts import hidden, told
 
+    problem = problem_of(system)
     try:
-        return told(problem_of(system), found)
+        wider, ridges = told(problem, found)
+        return wider, (*ridges, *hidden(problem, found))
     except BudgetUsed:
         return found, ()
 
 
-def _simulated(found: Findings, system: Studied) -> tuple[tuple[Simulated, ...], tuple[Doubt, ...]]:
+def _simulated(found: Findings, system: Studied, *, whole: bool) -> tuple[tuple[Simulated, ...], tuple[Doubt, ...]]:
     """How far the models that are told are off, open loop; where runs are left also fitted to be least so."""
     fits = [found.baseline, *([found.named_fit] if found.named_fit is not found.baseline else [])]
     problem = problem_of(system)
     own = simulated(system, problem, fits)
-    if not any(c.process for c in system.study.channels):
+    if not (whole and any(c.process for c in system.study.channels)):
         return tuple(own), ()
     from .outputs import output_errors
 
@@ -121,8 +124,13 @@ def problem_of(system: Studied) -> Problem:
 def _asked(system: Studied, how: How) -> tuple[Findings, str]:
     """(what is found, why it is not all there could be; "" where it is)."""
     reached: list[Findings] = []
+
+    def step(d: Findings) -> None:
+        reached.append(d)
+        system.runs.foresee(LOOKED if d.naming is None else NAMED)
+
     problem, rng, say = problem_of(system), np.random.default_rng(SEED), how.progress or silent
-    order = Order(problem, rng, by=("kind",), say=say, reached=reached.append)
+    order = Order(problem, rng, by=("kind",), say=say, reached=step)
     if system.study.forms:
         from jumpvision.engine.discovery import Laws
 
@@ -143,6 +151,10 @@ def _asked(system: Studied, how: How) -> tuple[Findings, str]:
         if not reached:
             raise
         return reached[-1], e.problems[0]
+    except KeyboardInterrupt:
+        if not reached:
+            raise
+        return reached[-1], "it was interrupted"
 
 
 def _unmade(study: Study, recordings: Sequence[Recording]) -> list[Recording]:

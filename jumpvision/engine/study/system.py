@@ -24,8 +24,7 @@ from jumpvision.engine.noise.whitening import Whitening, axes
 from jumpvision.engine.series import places
 from jumpvision.engine.system import Block, Candidate, Circumstances, Observation, Parameter
 
-from .learn import Readings
-from .probe import Probed
+from .learn import Probed, Readings
 from .processes import Ask
 from .runs import Runs, SimulatorError
 from .study import DELAYS, INSTRUMENT, Mechanism, Recording, Study

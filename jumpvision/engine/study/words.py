@@ -121,7 +121,9 @@ def simulated(system: Studied, problem: Problem, fits: Sequence[Fit]) -> list[re
     out = []
     for f in fits:
         n = max(problem.n - len(f.parameters), 1)
-        out.append(record.Simulated(f.mechanisms, by, f.chi2 / n, rms_by_channel(system, f), intervals(f, list(f.named))))
+        out.append(
+            record.Simulated(f.mechanisms, by, f.chi2 / n, rms_by_channel(system, f), intervals(f, list(f.named)))
+        )
     return out
 
 

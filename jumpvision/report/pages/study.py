@@ -43,7 +43,7 @@ def page(d: Diagnosis, png: bytes, title: str) -> str:
         version=__version__,
         sentence=d.sentence,
         confirmed=d.confirmed,
-        warnings=d.noise.warnings,
+        warnings=(*d.noise.warnings, *(x.words for x in d.doubts)),
         facts=facts(d),
         next=f"Next experiment: {n.words} separates {' from '.join(n.separates)}." if (n := d.next_experiment) else "",
         verdict=VerdictShown(
