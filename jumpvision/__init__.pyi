@@ -19,6 +19,9 @@ from .engine import Parameter as Parameter
 from .engine import Mechanism as Mechanism
 from .engine import Channel as Channel
 from .engine import Measured as Measured
+from .engine import from_mujoco as from_mujoco
+from .engine import from_fmu as from_fmu
+from .engine import from_program as from_program
 from jumpvision.experiment.results.values import BedHeight
 from jumpvision.experiment.results.values import CraterShape
 from jumpvision.experiment.results.values import Geometry
