@@ -109,3 +109,18 @@ def test_functions_of_arrays_take_paths(hard_ground, tmp_path):
             jv.piv(film[10], film[11], window=32, step=32).u,
             equal_nan=True,
         )
+
+
+def test_what_a_stage_lacks_is_said_at_once_and_its_neighbours_are_done(hard_ground, tmp_path, capsys):
+    folder = tmp_path / "jump"
+    folder.mkdir()
+    for name in ("rod.avi", "motor.csv", "contact.csv", "experiment.toml"):
+        (folder / name).write_bytes((hard_ground / name).read_bytes())
+    (folder / "bed.png").write_bytes((SAMPLES / "loose_sand" / "stutter-7.0Hz-film" / "bed.png").read_bytes())
+    with (folder / "experiment.toml").open("a") as toml:
+        toml.write('\n[bed_image]\nfile = "bed.png"\n')
+    assert main(["run", str(folder), "--no-pictures"]) == 1
+    said = capsys.readouterr().err
+    assert "[bed_image] scale: missing" in said and "[bed_image] floor_row: missing" in said
+    assert "0 of 1 experiments done, 1 in part" in said
+    assert (tmp_path / "results" / "jump" / "track.csv").exists()
