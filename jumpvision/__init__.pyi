@@ -1,4 +1,5 @@
 # made by `python docs/reference.py`
+import os
 from collections.abc import Callable, Iterable
 from typing import Any, overload
 import pandas as pd
