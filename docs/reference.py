@@ -64,6 +64,7 @@ def stub() -> str:
     stages = results_stages()
     lines = [
         "# made by `python docs/reference.py`",
+        "import os",
         "from collections.abc import Callable, Iterable",
         "from typing import Any, overload",
         "import pandas as pd",

@@ -31,6 +31,9 @@ TYPES = {  # what diagnose takes of a user's own simulator
     "Mechanism": "engine",
     "Channel": "engine",
     "Measured": "engine",
+    "from_mujoco": "engine",
+    "from_fmu": "engine",
+    "from_program": "engine",
 }
 OF_ARRAYS = {  # stages that have a function of arrays, which needs no folder
     "track": "films.arrays.track.track",

@@ -1,4 +1,5 @@
 # made by `python docs/reference.py`
+import os
 from collections.abc import Callable, Iterable
 from typing import Any, overload
 import pandas as pd
@@ -19,6 +20,9 @@ from .engine import Parameter as Parameter
 from .engine import Mechanism as Mechanism
 from .engine import Channel as Channel
 from .engine import Measured as Measured
+from .engine import from_mujoco as from_mujoco
+from .engine import from_fmu as from_fmu
+from .engine import from_program as from_program
 from jumpvision.experiment.results.values import BedHeight
 from jumpvision.experiment.results.values import CraterShape
 from jumpvision.experiment.results.values import Geometry
@@ -57,7 +61,7 @@ def summary(experiment: Folder, *, results: PathLike | None = ...) -> Summary: .
 @overload
 def bed(experiment: Folder, *, results: PathLike | None = ...) -> BedHeight: ...
 @overload
-def bed(pictures: ArrayLike, *, floor_row: float, scale: float | None = None, saturation: float | None = None, **parameters: Any) -> pd.DataFrame: ...
+def bed(pictures: ArrayLike | str | os.PathLike[str], *, floor_row: float, scale: float | None = None, saturation: float | None = None, **parameters: Any) -> pd.DataFrame: ...
 @overload
 def crater(experiment: Folder, *, results: PathLike | None = ...) -> CraterShape: ...
 @overload
@@ -69,7 +73,7 @@ def intrusion(depth_m: ArrayLike, force_N: ArrayLike, *, time_s: ArrayLike | Non
 @overload
 def piv(experiment: Folder, *, results: PathLike | None = ...) -> Piv: ...
 @overload
-def piv(a: ArrayLike, b: ArrayLike | None = None, *, frame_rate: float = 1.0, scale: float | None = None, mask: ArrayLike | None = None, **parameters: Any) -> xr.Dataset: ...
+def piv(a: ArrayLike | str | os.PathLike[str], b: ArrayLike | str | os.PathLike[str] | None = None, *, frame_rate: float | None = None, scale: float | None = None, mask: ArrayLike | None = None, **parameters: Any) -> xr.Dataset: ...
 @overload
 def paths(experiment: Folder, *, results: PathLike | None = ...) -> Paths: ...
 @overload
@@ -77,7 +81,7 @@ def paths(field: xr.Dataset, *, spacing: float = 16.0, **parameters: Any) -> pd.
 @overload
 def track(experiment: Folder, *, results: PathLike | None = ...) -> Track: ...
 @overload
-def track(frames: Iterable[ArrayLike], *, frame_rate: float = 1.0, scale: float | None = None, exposure: float = 0.0, origin: tuple[float, float] | None = None, angle: float = 0.0, masses: tuple[float, ...] = (), window: int = 7, fields: str = 'together', **parameters: Any) -> pd.DataFrame: ...
+def track(frames: Iterable[ArrayLike] | str | os.PathLike[str], *, frame_rate: float | None = None, scale: float | None = None, exposure: float = 0.0, origin: tuple[float, float] | None = None, angle: float = 0.0, masses: tuple[float, ...] = (), window: int = 7, fields: str = 'together', **parameters: Any) -> pd.DataFrame: ...
 @overload
 def simulate(experiment: Folder, *, results: PathLike | None = ...) -> Simulation: ...
 @overload

@@ -77,6 +77,7 @@ def served():
 
 def asked(server: Server, path: str, question: object = None, **headers: str) -> tuple[int, object]:
     c = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=60)
+    path = server.root + path.removeprefix("/")
     if question is None:
         c.request("GET", path, headers=headers)
     else:
@@ -356,6 +357,21 @@ def test_bad_questions_are_answered_with_what_is_wrong(tmp_path, served):
     assert asked(s, "/api/track", {}, Origin="https://elsewhere.example")[0] == 403
     assert asked(s, "/api/track", {}, **{"Content-Type": "text/plain"})[0] == 415
     assert s.benches.bench.following is None
+
+
+def test_who_does_not_know_the_address_is_not_answered(tmp_path, served):
+    """Other users of the machine reach the port, too."""
+    falling(tmp_path)
+    s, other = served(tmp_path), served(tmp_path)
+    assert s.root != other.root and len(s.root) > 20
+    for place in ("/", "/api/state", "/main.js", other.root, other.root + "api/state", s.root[:-2] + "/api/state"):
+        for method in ("GET", "POST"):
+            c = http.client.HTTPConnection("127.0.0.1", s.server_port, timeout=60)
+            c.request(method, place, b"{}" if method == "POST" else None, {"Content-Type": "application/json"})
+            reply = c.getresponse()
+            assert reply.status == 403 and b"secret part" in reply.read()
+            c.close()
+    assert asked(s, "/api/state")[0] == 200
 
 
 def test_a_film_is_taken_for_another_kind_until_a_file_says_what_it_is(tmp_path, served):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import secrets
 import socket
 import sys
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -31,11 +32,16 @@ def static_files(package: str, index: str) -> dict[str, tuple[str, bytes]]:
 
 
 class LocalServer(ThreadingHTTPServer):
-    """Listens on 127.0.0.1; port 0 takes a free one (`address` tells which). command: named where it cannot."""
+    """Listens on 127.0.0.1; port 0 takes a free one (`address` tells which). command: named where it cannot.
+
+    secret: only who knows the address is answered: its first part is drawn anew by every server, since other users of
+    the machine reach the port too.
+    """
 
     daemon_threads = True
 
-    def __init__(self, port: int, handler: type[BaseHTTPRequestHandler], command: str):
+    def __init__(self, port: int, handler: type[BaseHTTPRequestHandler], command: str, *, secret: bool = False):
+        self.root = f"/{secrets.token_urlsafe(16)}/" if secret else "/"
         try:
             super().__init__((HOST, port), handler)
         except (OSError, OverflowError) as e:
@@ -48,7 +54,7 @@ class LocalServer(ThreadingHTTPServer):
 
     @property
     def address(self) -> str:
-        return f"http://{HOST}:{self.server_port}/"
+        return f"http://{HOST}:{self.server_port}{self.root}"
 
 
 class Refused(Exception):
@@ -86,6 +92,14 @@ class LocalHandler(BaseHTTPRequestHandler):
         if self.command != "POST" and (self.headers.get("Content-Length", "0") != "0" or self._chunked):
             self.close_connection = True
             raise Refused(400, f"{self.command}: has no body")
+
+    def place(self) -> str:
+        """What is asked for, from / on; Refused where the address lacks the server's own part."""
+        root, begin = self.server.root, self.path[: len(self.server.root)]
+        if not secrets.compare_digest(begin.encode(), root.encode()):
+            self.close_connection = True
+            raise Refused(403, "this address lacks its secret part; open the one that the terminal says")
+        return self.path[len(root) - 1 :]
 
     @property
     def _chunked(self) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 import sys
 from typing import TYPE_CHECKING
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING
 from jumpvision import __version__
 
 from .codes import BAD_CALL, DONE, FAILED
+from .streams import lasting
 
 if TYPE_CHECKING:
     from cyclopts import App
@@ -22,13 +22,11 @@ for _threads in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 def main(argv: list[str] | None = None) -> int:
     """Entry point: 0 done, 1 something failed, 2 wrong call or bad input."""
     asked = sys.argv[1:] if argv is None else argv
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # a terminal, or LANG=C, without a letter is no reason to fail
-            stream.reconfigure(errors="backslashreplace")
-    if asked == ["--version"]:
-        print(__version__)
-        return DONE
-    return _carry_out(asked)
+    with lasting():
+        if asked == ["--version"]:
+            print(__version__)
+            return DONE
+        return _carry_out(asked)
 
 
 def _carry_out(asked: list[str]) -> int:
@@ -44,8 +42,6 @@ def _carry_out(asked: list[str]) -> int:
     except CycloptsError as e:
         print(f"jumpvision: {harmless(str(e))}; see jumpvision --help", file=sys.stderr)
         return BAD_CALL
-    except BrokenPipeError:
-        return FAILED
     except OSError as e:  # a full disk, a folder that may not be written
         where = f": {e.filename}" if e.filename else ""
         print(

@@ -19,7 +19,7 @@ ABOUT = (
     "From films of a jumping robot on hard ground and sand to tracks, fields, forces and tested models.",
     "Start with: jumpvision run data_samples/loose_sand",
 )
-app = App(name="jumpvision", help="\n\n".join(ABOUT), version=__version__)
+app = App(name="jumpvision", help="\n\n".join(ABOUT), version=__version__, suppress_keyboard_interrupt=False)
 
 
 def option(help: str, group: str | None = None, negative: str | None = None) -> Parameter:

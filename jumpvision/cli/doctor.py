@@ -17,7 +17,7 @@ from .app import DONE, app, cores
 
 @app.command
 def doctor(path: Path = Path("."), /, *, json: bool = False) -> int:
-    """Versions, codecs, cores, GPU and free disk, with what to do about what lacks; for a report of a problem.
+    """Versions, codecs, cores, GPU and free disk, and what to do where one is missing; for a report of a problem.
 
     Example: jumpvision doctor
 

@@ -62,7 +62,7 @@ def explore(
     rules: RuleOptions = RuleOptions(),
     options: Options = OPTIONS,
 ) -> int:
-    """The experiments that tell most of what is still open, prepared for the apparatus; say it again when recorded.
+    """The experiments that tell most of what is still open, prepared for the apparatus; run it again after each.
 
     Writes explore.json, explore.png and explore.html among the results, and a folder for each experiment beside the
     others, with experiment.toml, protocol.toml and motor_command.csv (docs/experimenter.md).

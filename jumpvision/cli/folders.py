@@ -33,11 +33,17 @@ def open_folder(path: Path, options: Options) -> Campaign:
 
 
 def _opened(
-    path: Path, options: Options, params: Mapping[str, Mapping[str, object]] | None = None
+    path: Path,
+    options: Options,
+    params: Mapping[str, Mapping[str, object]] | None = None,
+    stages: tuple[str, ...] = (),
 ) -> Experiment | Campaign:
     from jumpvision.experiment.inputs import experiment
     from jumpvision.experiment.inputs.overrides import overrides_of
+    from jumpvision.experiment.workflow.stage import recording_of
 
+    if path.is_file() and path.suffix != ".toml" and len(stages) == 1 and (section := recording_of(stages[0])):
+        return experiment.of_recording(path, section, pipeline=params, overrides=overrides_of(options.set))
     return experiment.open_folder(path, model=options.model, pipeline=params, overrides=overrides_of(options.set))
 
 
@@ -64,8 +70,8 @@ def work(
     if stages:
         _say_left_out(path)
     definition = read_pipeline(pipeline) if pipeline else Pipeline()
-    opened = _opened(path, options, definition.params)
-    results = options.results or results_of(path)
+    opened = _opened(path, options, definition.params, stages or ())
+    results = options.results or results_of(path.with_suffix("") if path.is_file() else path)
     plan = Plan(
         results=results,
         cache=options.cache or results / ".cache",

@@ -289,7 +289,8 @@ def outcome(done: Run, *, as_json: bool) -> None:
         if computed
         else f"nothing recomputed ({cached} from the cache)"
     )
-    line(f"{len(outcomes) - failed} of {len(outcomes)} experiments done; {what}")
+    part = sum(bool(o.errors and o.steps) for o in outcomes)
+    line(f"{len(outcomes) - failed} of {len(outcomes)} experiments done{f', {part} in part' * bool(part)}; {what}")
     line(f"results in {done.plan.results}" + "".join(f"; open {m}" for m in done.files))
 
 

@@ -10,6 +10,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .document.diagnosis import Diagnosis as Diagnosis
     from .priors import Measured as Measured
+    from .simulators.fmu import from_fmu as from_fmu
+    from .simulators.mujoco import from_mujoco as from_mujoco
+    from .simulators.program import from_program as from_program
     from .study.processes import How as How
     from .study.question import diagnose as diagnose
     from .study.study import Channel as Channel
@@ -26,6 +29,9 @@ PUBLIC = {
     "Diagnosis": "document.diagnosis",
     "Measured": "priors",
     "System": "system",
+    "from_fmu": "simulators.fmu",
+    "from_mujoco": "simulators.mujoco",
+    "from_program": "simulators.program",
 }
 
 

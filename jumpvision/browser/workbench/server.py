@@ -1,4 +1,4 @@
-"""The workbench's page: this machine only; it answers from the readers, trackers and matchers of the package.
+"""The workbench's page, for who knows its address on this machine: answers from the readers, trackers and matchers.
 
 GET / and the page's files; GET /api/state, /api/frame/SECTION/N/WIDTH.jpg, /api/track?since=N, /api/run. POST with a
 JSON object, see `QUESTIONS`. Bad input is answered with 400 and {"problems": [text, ...]}.
@@ -131,7 +131,7 @@ class Server(LocalServer):
     def __init__(self, path: Path, port: int):
         self.files = static_files(__package__, "index.html")
         self.benches = Benches(path)
-        super().__init__(port, Handler, "open")
+        super().__init__(port, Handler, "open", secret=True)
 
     def close_benches(self) -> None:
         """Stops what runs and gives the films back."""
@@ -149,26 +149,26 @@ class Handler(LocalHandler):
 
     def _get(self) -> None:
         self.check_asker()
-        benches = self.server.benches
-        if m := FRAME.fullmatch(self.path):
+        benches, path = self.server.benches, self.place()
+        if m := FRAME.fullmatch(path):
             self.send(200, "image/jpeg", benches.bench.film(m[1]).jpeg(int(m[2]), int(m[3])))
-        elif m := TRACK.fullmatch(self.path):
+        elif m := TRACK.fullmatch(path):
             self._json(200, _followed(benches, int(m[1])))
-        elif self.path == "/api/state":
+        elif path == "/api/state":
             self._json(200, benches.state())
-        elif self.path == "/api/run":
+        elif path == "/api/run":
             self._json(200, _ran(benches))
-        elif self.path.partition("?")[0] in self.server.files:
-            self.send(200, *self.server.files[self.path.partition("?")[0]])
+        elif (file := path.partition("?")[0]) in self.server.files:
+            self.send(200, *self.server.files[file])
         else:
-            raise Refused(404, f"{self.path}: there is no such page")
+            raise Refused(404, f"{path}: there is no such page")
 
     def _post(self) -> None:
         self.check_asker()
-        body = self.body(LARGEST)
-        answer = QUESTIONS.get(self.path)
+        path, body = self.place(), self.body(LARGEST)
+        answer = QUESTIONS.get(path)
         if answer is None:
-            raise Refused(404, f"{self.path}: there is no such question")
+            raise Refused(404, f"{path}: there is no such question")
         try:
             question = json.loads(body)
         except (ValueError, RecursionError):

@@ -347,7 +347,10 @@ def outside(source: str, folder: Path) -> None:
 
 
 def source_of(function: Callable[..., object]) -> str:
-    """The text of the module that holds a function, of the function alone where there is none."""
+    """The text of the module that holds a function, of the function alone where there is none; the version of what
+    has one (`engine.simulators`)."""
+    if isinstance(version := getattr(function, "version", None), str):
+        return version
     try:
         return inspect.getsource(sys.modules[function.__module__])
     except (OSError, TypeError, KeyError):

@@ -1,4 +1,4 @@
-"""Logs in the files of measuring programs, channel by channel: LabVIEW's TDMS and LVM, MATLAB's MAT."""
+"""Logs in the files of measuring programs, channel by channel: LabVIEW's TDMS and LVM, MATLAB's MAT, ROS bags."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 from jumpvision.base.arrays import AnyArray
 from jumpvision.base.schema import InputError
 
+from .bags import bag
 from .held import Channel, Held, tell
 from .lvm import lvm
 
@@ -159,4 +160,10 @@ def _modern(path: Path) -> Iterator[tuple[str, AnyArray]]:
                 yield from _vectors(d.name.strip("/").replace("/", "."), d[()].T)
 
 
-READERS: dict[str, Callable[[Path, Collection[str]], Held]] = {".tdms": tdms, ".lvm": lvm, ".mat": mat}
+BAGS = (".mcap", ".bag", ".db3")  # read message by message, of any size
+READERS: dict[str, Callable[[Path, Collection[str]], Held]] = {
+    ".tdms": tdms,
+    ".lvm": lvm,
+    ".mat": mat,
+    **dict.fromkeys(BAGS, bag),
+}

@@ -118,11 +118,27 @@ def open_experiment(path: str | os.PathLike[str], **options: Any) -> Experiment:
     """The experiment folder at `path`, inheriting campaign.toml of the folder above; options as in open_campaign."""
     folder = _folder(path)
     if not (folder / EXPERIMENT).exists():
-        raise InputError([f"{folder}: no {EXPERIMENT} in this folder; write one, with the recordings it names"])
+        raise InputError(
+            [
+                f"{folder}: no {EXPERIMENT} in this folder; jumpvision init {folder} writes one from the recordings in "
+                f"it, jumpvision open {folder} shows them"
+            ]
+        )
     defaults, problems = _defaults(folder.resolve().parent)
     experiment, more = _read(folder, defaults, **options)
     if problems or more or experiment is None:
         raise InputError(problems + more)
+    return experiment
+
+
+def of_recording(
+    file: Path, section: str, *, pipeline: Mapping[str, Toml] | None = None, overrides: Mapping[str, Toml] | None = None
+) -> Experiment:
+    """The experiment of one recording, `section`, without an experiment.toml; named as the file. Raises InputError."""
+    own = {"ground": "hard", section: {"file": file.name}, "name": file.stem}
+    experiment, problems = _made(own, file.absolute().parent, file, (None, {}), pipeline=pipeline, overrides=overrides)
+    if experiment is None:
+        raise InputError(problems)
     return experiment
 
 
@@ -217,7 +233,10 @@ def _folder(path: str | os.PathLike[str]) -> Path:
     folder = folder_of(path)
     if not folder.is_dir():
         what = "is a file" if folder.exists() else "does not exist"
-        raise InputError([f"{folder}: {what}; give an experiment folder (with {EXPERIMENT}) or a folder of them"])
+        alone = f"; of a film alone: jumpvision track {folder}, or piv" if folder.exists() else ""
+        raise InputError(
+            [f"{folder}: {what}; give an experiment folder (with {EXPERIMENT}) or a folder of them{alone}"]
+        )
     return folder
 
 
@@ -255,6 +274,19 @@ def _read(
     own, problems = read_toml(file)
     if problems:
         return None, problems
+    return _made(own, folder, file, defaults, pipeline=pipeline, overrides=overrides)
+
+
+def _made(
+    own: Toml,
+    folder: Path,
+    file: Path,
+    defaults: tuple[Path | None, Toml],
+    *,
+    pipeline: Mapping[str, Toml] | None,
+    overrides: Mapping[str, Toml] | None,
+) -> tuple[Experiment | None, list[str]]:
+    """The experiment of its own tables over the campaign's; file: to name in its problems."""
     campaign, inherited = defaults
     table = merged({"params": pipeline or {}}, merged(inherited, own))
     overrides = overrides or {}

@@ -1,4 +1,4 @@
-"""Logs of the laboratory (CSV, TDMS, LVM, MAT): read whole, checked value by value, refused with row and remedy."""
+"""Logs of the laboratory (CSV, TDMS, LVM, MAT, bags): read whole, checked by value, refused with row and remedy."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from jumpvision.base.schema import InputError, closest
 from jumpvision.base.storage import irregular
 
-from .channels import READERS
+from .channels import BAGS, READERS
 from .held import Channel, Held, tell
 from .recordings import LogSection
 
@@ -190,7 +190,7 @@ def _held(path: Path, asked: Collection[str], columns: tuple[str, ...]) -> Held:
         raise InputError([f"{path}: compressed; unpack it, and name the table itself"])
     if problem := irregular(path):
         raise InputError([f"{path}: {problem}"])
-    if (size := path.stat().st_size) > LARGEST:
+    if path.suffix.lower() not in BAGS and (size := path.stat().st_size) > LARGEST:
         raise InputError(
             [f"{path}: {size / 1e9:.1f} GB; logs of at most {LARGEST / 1e9:g} GB are read: keep the part that matters"]
         )

@@ -260,14 +260,14 @@ class GrainMask(FileSection):
 
 @dataclass(frozen=True)
 class LogSection(FileSection):
-    """A table: CSV, TDMS or LVM (LabVIEW), or MAT (MATLAB)."""
+    """A table: CSV, TDMS or LVM (LabVIEW), MAT (MATLAB), or a bag (ROS, MCAP)."""
 
     knows: ClassVar[tuple[str, ...]] = ()
     columns: dict[str, str] | None = param(
         None,
         "",
         "what the columns are called in the file: {time_s = 't [ms]'}, a unit in brackets where it is another; TDMS: "
-        "'Group/Channel', MAT: 'log.t', 'data(:,2)'; default: their own names",
+        "'Group/Channel', MAT: 'log.t', 'data(:,2)', bag: '/topic.field'; default: their own names",
     )
 
     @property

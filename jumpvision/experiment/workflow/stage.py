@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Union, get_args, get_origin, 
 if TYPE_CHECKING:
     from jumpvision.base.record import Record
 
+from jumpvision.base.schema import FileSection, Told
 from jumpvision.base.schema import StageWarning as StageWarning
-from jumpvision.base.schema import Told
 
 FOLDER = Path(__file__).parents[1] / "stages"  # every module below it may hold stages
 PACKAGE = "jumpvision.experiment.stages"
@@ -169,6 +169,12 @@ class Declared(NamedTuple):
 
 
 @functools.cache
+def recording_of(name: str) -> str:
+    """The section of the recording that a stage reads itself; "" where it reads none."""
+    kinds = (i.type for i in stage_named(name).inputs)
+    return next((k.name for k in kinds if issubclass(k, FileSection)), "")
+
+
 def declared() -> dict[str, Declared]:
     """The stages by name, read from their source: importing them takes seconds, `jumpvision --help` must not."""
     texts = (file.read_text(encoding="utf-8") for file in sorted(FOLDER.rglob("*.py")))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 import numpy as np
@@ -14,11 +15,11 @@ from jumpvision.films.parameters import BedParams
 from jumpvision.films.vision.saturation import saturation_of
 from jumpvision.films.vision.surface import bed_height, bed_surface
 
-from .images import grey_images, only_numbers, scale_problem
+from .images import grey_images, is_path, only_numbers, scale_problem
 
 
 def bed(
-    pictures: ArrayLike,
+    pictures: ArrayLike | str | os.PathLike[str],
     *,
     floor_row: float,
     scale: float | None = None,
@@ -26,6 +27,7 @@ def bed(
     **parameters: Any,
 ) -> pd.DataFrame:
     """Height of a bed above its floor in a back-lit picture (H, W), or in each of several (n, H, W): a row a picture.
+    Or the path of one, or several paths.
 
     floor_row: of the floor [px, down]. scale [m/px]: heights are in m with it, in px without. saturation: pixel value
     of saturated light; default: the greatest of whole numbers,
@@ -38,8 +40,11 @@ def bed(
     if problem := scale_problem("jv.bed", scale):
         raise InputError([problem])
     p = of_keywords(BedParams, parameters, folder=("reference_height", "reference_fraction"))
-    given = pictures if np.ma.isMaskedArray(pictures) else np.asarray(pictures)
-    images = only_numbers("bed", grey_images("bed", given[None] if given.ndim == 2 else given))
+    given: Any = [pictures] if is_path(pictures) else pictures
+    if not is_path(next(iter(given), None)):
+        given = pictures if np.ma.isMaskedArray(pictures) else np.asarray(pictures)
+        given = given[None] if given.ndim == 2 else given
+    images = only_numbers("bed", grey_images("bed", given))
     unit, size = ("px", 1.0) if scale is None else ("m", scale)
     rows = []
     for picture in images:

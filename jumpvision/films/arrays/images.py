@@ -3,26 +3,52 @@
 from __future__ import annotations
 
 import math
+import os
+import warnings
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Image
+from jumpvision.base.schema import StageWarning
+from jumpvision.films.frames import Film, open_frames
 
 
 def grey_images(name: str, frames: Any) -> list[Image]:
     """Images (H, W) of a stack (n, H, W) or a sequence, masked arrays as they are; uint8, uint16 or floats.
 
-    bool becomes 0 and 1 as decimals, other whole numbers float32 or, where that loses digits, float64; the order of
-    bytes becomes this machine's. ValueError names the frame and what it is where it is no grey image.
+    A frame may be the path of a picture. bool becomes 0 and 1 as decimals, other whole numbers float32 or, where that
+    loses digits, float64; the order of bytes becomes this machine's. ValueError names the frame and what it is where it
+    is no grey image, FrameError a file that cannot be read.
     """
-    images = [as_grey(name, f, k) for k, f in enumerate(frames)]
+    images = [as_grey(name, picture(f) if is_path(f) else f, k) for k, f in enumerate(frames)]
     if len({i.shape for i in images}) > 1:
         shapes = ", ".join(sorted({f"{i.shape[0]} x {i.shape[1]}" for i in images})[:4])
         raise ValueError(f"{name}: images of different sizes ({shapes} pixels): cut them to one")
     return images
+
+
+def is_path(given: object) -> bool:
+    return isinstance(given, str | os.PathLike)
+
+
+def film_at(path: str | os.PathLike[str], frame_rate: float | None = None) -> Film:
+    """The film at a path, a pattern of pictures too; what is to be known of it as warnings. Raises FrameError."""
+    film = open_frames(Path(path), frame_rate=frame_rate)
+    for text in film.warnings:
+        warnings.warn(StageWarning("frames", text), stacklevel=3)
+    return film
+
+
+def picture(path: str | os.PathLike[str]) -> Image:
+    """The only frame of a file. Raises FrameError, ValueError where there are more."""
+    with film_at(path, 1.0) as film:
+        if len(film) > 1:
+            raise ValueError(f"{path}: holds {len(film)} frames where one picture is asked for; give the film alone")
+        return film[0]
 
 
 def as_grey(name: str, frame: Any, k: int = 0) -> Image:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,23 +17,24 @@ from jumpvision.films.vision.piv.engine import Usable, best_prefilter
 from jumpvision.films.vision.piv.light import light_of
 from jumpvision.films.vision.piv.pair import REASONS
 
-from .images import grey_images, in_grey, scale_problem, usable_pixels
+from .images import film_at, grey_images, in_grey, scale_problem, usable_pixels
 from .velocities import Places, fields_of, header, matching, velocities
 
 
 def piv(
-    a: ArrayLike,
-    b: ArrayLike | None = None,
+    a: ArrayLike | str | os.PathLike[str],
+    b: ArrayLike | str | os.PathLike[str] | None = None,
     *,
-    frame_rate: float = 1.0,
+    frame_rate: float | None = None,
     scale: float | None = None,
     mask: ArrayLike | None = None,
     **parameters: Any,
 ) -> xr.Dataset:
     """Velocity field from frame a to frame b, or of every neighbouring pair of the frames a (n, H, W) or a sequence.
 
-    Images (H, W) grey, of any number type; masked, infinite and NaN pixels are left out; gain and offset of decimals do
-    not matter. frame_rate [1/s]: default one frame a second, so that speeds are px per frame. scale [m/px]: speeds are
+    Images (H, W) grey, of any number type, or paths, of two pictures or of a film; masked, infinite and NaN pixels are
+    left out; gain and offset of decimals do not matter. frame_rate [1/s]: default the film's own, else one frame a
+    second, so that speeds are px per frame. scale [m/px]: speeds are
     in m/s and places in m with it, in px without. mask (H, W), or (n, H, W) of every frame: True where usable.
     parameters: those of [params.piv], such as window=32, step=8.
 
@@ -42,8 +44,11 @@ def piv(
     """
     if problem := scale_problem("jv.piv", scale):
         raise InputError([problem])
-    p = of_keywords(PivParams, parameters, folder=("foot_rows",), frame_rate=frame_rate)
-    given = grey_images("piv", a if b is None else (a, b))
+    p = of_keywords(PivParams, parameters, folder=("foot_rows",), frame_rate=frame_rate or 1.0)
+    film = film_at(a, frame_rate) if b is None and isinstance(a, str | os.PathLike) else None
+    given = grey_images("piv", film or (a if b is None else (a, b)))
+    if not frame_rate:
+        frame_rate = film.rate if film else 1.0
     if len(given) <= p.gap:
         raise ValueError(f"piv: {len(given)} frame(s): give two grey images (H, W), or more in one stack")
     masks = both(usable_of(mask, given), usable_pixels(given))

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import cmath
 import math
+import os
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,24 +14,25 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from jumpvision.base.arrays import Array
+from jumpvision.base.arrays import Array, Image
 from jumpvision.base.parameters import of_keywords
 from jumpvision.base.schema import InputError, StageWarning
 from jumpvision.estimate.height import exposure_shift, shift_noise, shift_sigma
 from jumpvision.films.calibration import FIELD_OF_FRAME
+from jumpvision.films.frames import Film
 from jumpvision.films.parameters import TrackParams
 from jumpvision.films.vision.ball.film import track_film
 from jumpvision.films.vision.ball.track import BallSettings, BallTrack
 from jumpvision.films.vision.fields import INTERLACED, ORDERS, field, order_of
 
-from .images import grey_images, in_grey, only_numbers, scale_problem
+from .images import film_at, grey_images, in_grey, only_numbers, scale_problem
 from .motion import with_derivatives
 
 
 def track(
-    frames: Iterable[ArrayLike],
+    frames: Iterable[ArrayLike] | str | os.PathLike[str],
     *,
-    frame_rate: float = 1.0,
+    frame_rate: float | None = None,
     scale: float | None = None,
     exposure: float = 0.0,
     origin: tuple[float, float] | None = None,
@@ -40,14 +42,15 @@ def track(
     fields: str = "together",
     **parameters: Any,
 ) -> pd.DataFrame:
-    """A ball in every one of the frames (n, H, W), an array or a sequence of grey images: a row a frame.
+    """A ball in every one of the frames (n, H, W), an array, a sequence of grey images or a film's path: a row a frame.
 
-    frame_rate [1/s]: default one frame a second. scale [m/px]. exposure [s]: positions are then those at mid-exposure.
-    origin: (column, row) [px] of the axes' origin; angle [rad] of the x axis, counter-clockwise from the picture's row.
-    masses [kg]: of the ball and of those at `markers`, for their centre of mass. window: frames of the parabola from
-    which speed and acceleration are taken; fewer where the acceleration changes within them. fields: of interlaced
-    frames, "top" or "bottom": a row for each of their half pictures, whose upper or lower rows come first. parameters:
-    those of [params.track], such as diameter=12 [px], polarity="dark", seed=(column, row), markers=[(column, row)].
+    frame_rate [1/s]: default the film's own, of arrays one frame a second. scale [m/px]. exposure [s]: positions are
+    then those at mid-exposure. origin: (column, row) [px] of the axes' origin; angle [rad] of the x axis, counter-
+    clockwise from the picture's row. masses [kg]: of the ball and of those at `markers`, for their centre of mass.
+    window: frames of the parabola from which speed and acceleration are taken; fewer where the acceleration changes
+    within them. fields: of interlaced frames, "top" or "bottom": a row for each of their half pictures, whose upper or
+    lower rows come first. parameters: those of [params.track], such as diameter=12 [px], polarity="dark",
+    seed=(column, row), markers=[(column, row)].
 
     Columns: body (with markers: from 1; 0 is the centre of mass), frame, time_s, x_px right, y_px down, sigma_px (of
     either); with a scale, an origin or an angle x, y up and sigma in the axes; vx, vy, v_sigma, ax, ay, a_sigma; the
@@ -57,8 +60,15 @@ def track(
     """
     if problem := scale_problem("jv.track", scale):
         raise InputError([problem])
-    p = of_keywords(TrackParams, parameters, folder=("exposure_correction",), frame_rate=frame_rate)
-    images = in_grey(only_numbers("track", grey_images("track", frames)))
+    p = of_keywords(TrackParams, parameters, folder=("exposure_correction",), frame_rate=frame_rate or 1.0)
+    film = film_at(frames, frame_rate) if isinstance(frames, str | os.PathLike) else None
+    images: Film | Sequence[Image]
+    if film is not None and film.dtype.kind == "u" and fields == "together":
+        images = film  # one frame at a time
+    else:
+        images = in_grey(only_numbers("track", grey_images("track", film or frames)))
+    if not frame_rate:
+        frame_rate = film.rate if film else 1.0
     if not images:
         raise ValueError("track: no frame: give grey images (H, W), one or more in a stack")
     if fields not in ORDERS:
@@ -78,7 +88,8 @@ def track(
     for number, ball in enumerate(found, 1):
         for note in ball.notes:
             warnings.warn(StageWarning("frames", f"ball {number}: {note}" if markers else note), stacklevel=2)
-    time = np.arange(len(images)) / frame_rate + exposure / 2.0
+    begun = film.time - film.time[0] if film and not halved else np.arange(len(images)) / frame_rate
+    time = begun + exposure / 2.0
     bodies = [_in_pixels(ball, time, exposure) for ball in found]
     if masses:
         bodies.insert(0, _centre_of_mass(bodies, np.asarray(masses, float)))

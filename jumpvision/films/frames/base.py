@@ -94,6 +94,11 @@ class Film(ABC):
         """Whether frames that the file's header promises are missing at its end."""
         return any(isinstance(w, Truncated) for w in self.warnings)
 
+    @property
+    def rate(self) -> float:
+        """Frames a second, by the median of the times between them; 1 of a single frame."""
+        return 1.0 / float(np.median(np.diff(self.time))) if len(self) > 1 else 1.0
+
     @abstractmethod
     def _read(self, i: int) -> Image:
         """Frame i, 0 <= i < len(self)."""

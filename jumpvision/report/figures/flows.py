@@ -50,7 +50,7 @@ def worst(field: xr.Dataset) -> int:
 
 @stage(version=2, picture=True)
 def validation_picture(piv: Piv) -> ValidationPicture:
-    """Vectors as matched, at the worst moment, over what became of them; the shares against time."""
+    """Raw vectors at the worst moment, over what became of them; the shares against time."""
     from matplotlib.colors import ListedColormap
 
     field = piv.field
@@ -77,7 +77,7 @@ def validation_picture(piv: Piv) -> ValidationPicture:
             share = 100.0 * (field.reason == k).mean(("y", "x"))
             how = {"color": COLOURS[k] if k else QUIET, "label": fill(REASONS[k].split(":")[0], 40)}
             right.plot(field.t, share, marker=".", ms=4, **how)
-        left.set(title=f"as matched, t = {float(f.t):.4g} s", xlabel=f"x [{shown}]", ylabel=f"y [{shown}] (up)")
+        left.set(title=f"raw vectors, t = {float(f.t):.4g} s", xlabel=f"x [{shown}]", ylabel=f"y [{shown}] (up)")
         left.set_aspect("equal")
         left.grid(False)
         right.set(title="what became of the vectors", xlabel="time [s]", ylabel="share [%]")

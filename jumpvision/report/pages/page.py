@@ -47,7 +47,7 @@ PICTURES = {  # file: (heading, what it shows)
     "air.png": ("Fluidisation", "pressure that the bed needs and the fan gives, against air speed"),
     "piv.png": ("Velocity field", "velocity vectors over a frame of the film"),
     "flow.png": ("Flow", "strain of the flow; under a foot also momentum against time and added mass against depth"),
-    "validation.png": ("Validation", "vectors as matched, by what became of them, at the worst moment and over time"),
+    "validation.png": ("Validation", "raw vectors, by what became of them, at the worst moment and over time"),
     "statistics.png": ("Statistics", "mean flow, its vorticity, fluctuations and Reynolds stress"),
     "profiles.png": ("Profiles", "mean velocity and fluctuations along the lines of [params.profiles]"),
     "paths.png": ("Paths", "where the grains of [params.paths] went, coloured by their mean speed"),

@@ -113,7 +113,7 @@ def seeded() -> np.random.Generator:
 def planned_robot(
     ground: str, experiment: Path | None, model_file: Path | None, overrides: Mapping[str, Toml]
 ) -> Robot1D:
-    """The robot of an experiment.toml (or its folder), or the thesis' one. InputError names what lacks."""
+    """The robot of an experiment.toml (or its folder), or the thesis' one. InputError names what is missing."""
     given = dict(overrides)
     sigma: dict[str, float] = {}
     spec: ModelSpec | None = None

@@ -103,12 +103,12 @@ def surfaces_of(
     Last, the same in metres if k1 were one standard uncertainty larger; empty where it is exact.
     """
     pixels, surfaces, others = [], [], []
+    if not (calibration and calibration.marks):
+        need(image, "scale", "floor_row")
     with open_pictures(image) as frames:
         view = view_of(calibration, image, frames.shape)
         other = other_lens(calibration, image, frames.shape)
         rows, columns = frames.shape
-        if image.floor_row is None and not (calibration and calibration.marks):
-            need(image, "floor_row")
         if image.floor_row is not None and not 0 <= image.floor_row < rows:
             raise ValueError(
                 f"[bed_image] floor_row = {image.floor_row:g}: outside the picture, whose rows are 0 to {rows - 1}"
