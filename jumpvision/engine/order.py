@@ -147,26 +147,39 @@ class Order:
         wide = self._wider(d.baseline)
         if wide is not None and wide.odd is not None and wide.odd.explained:
             return self._without(d, wide.odd)
+        few = self._but_a_few(d) if wide is not None and wide.odd is None else None
+        if few is not None and few.varies and few.varies.explained:
+            return few
         order = self if wide is None else replace(self, problem=wide.problem)
         self.say(f"trying {tried} mechanisms")
         found = order.name(replace(d, problem=order.problem))
         if wide is not None:
             found = order._decided(d, found, wide)
-        if found.adequate:
+        if found.adequate or (found.varies and found.varies.aside):
             return found
-        if found.naming and found.naming.status != Status.COMPLETE and wide is not None:
+        if found.naming and wide is not None and not (found.naming.status == Status.COMPLETE and order._steady(found)):
             order, found = order._again(found)
+        if few is not None and found.naming and found.naming.status != Status.COMPLETE:
+            return few
         self.reached(found)
         return order.beyond(found)
 
     def _varying(self, d: Findings) -> Findings:
         """A third look: a number that varies from recording to recording by so little that chi^2 does not show it."""
+        p = self._chance(d.baseline)
+        return replace(d, detection=replace(d.detection, p_value=p)) if p < SURE else d
+
+    def _steady(self, d: Findings) -> bool:
+        """Whether no number varies beside what is named, not even by less than chi^2 shows."""
+        return self._chance(d.best) >= SURE
+
+    def _chance(self, about: Fit) -> float:
+        """Of a pattern over the recordings, about a fit, by noise alone; 1 where that is not asked."""
         if not self._may_vary or isinstance(self.problem.system, Costly):
-            return d
+            return 1.0
         from .vary.screen import chance, screen
 
-        p = chance(screen(self.problem, d.baseline, quick=True))
-        return replace(d, detection=replace(d.detection, p_value=p)) if p < SURE else d
+        return chance(screen(self.problem, about, quick=True))
 
     @property
     def _may_vary(self) -> bool:
@@ -193,17 +206,47 @@ class Order:
             said = explain.Varies(scatter=s.scatter)
             return replace(d, baseline=s.baseline, detection=s.detection, varies=said, problem=s.problem)
         if complete or wide.odd is None:
-            return replace(found, varies=explain.Varies(explain.varied(problem, naming)))
+            return replace(found, varies=explain.named(problem, naming))
         return self._without(d, wide.odd)
 
     def _without(self, d: Findings, odd: Odd) -> Findings:
-        """What is found where a few recordings are set aside."""
+        """What is found where a few recordings are set aside; causes that all others show beside it."""
         from .vary import explain
         from .vary.odd import set_aside
 
-        part = self.problem.asked_of(set_aside(self.problem.system, odd.members))
+        part = replace(self, problem=self.problem.asked_of(set_aside(self.problem.system, odd.members)))
         without = explain.Varies(aside=odd.members, commands=odd.commands, slips=odd.slips)
-        return replace(d, varies=without, problem=part)
+        alone = replace(d, varies=without, problem=part.problem)
+        rest = part.look()
+        if rest.adequate or len(part.problem.all) - len(odd.members) < FEWEST:
+            return alone
+        found = part.explain(rest)
+        if not (found.naming and found.naming.named):
+            return alone
+        beside = found.varies or explain.Varies()
+        both = replace(beside, aside=odd.members, commands=odd.commands, slips=odd.slips)
+        return replace(found, detection=d.detection, varies=both, problem=found.problem or part.problem)
+
+    def _but_a_few(self, d: Findings) -> Findings | None:
+        """What explains all recordings but a few that take most of the misfit; None where there are none, or it does
+        not explain the others."""
+        from .vary import odd
+        from .vary.explain import Varies
+
+        apart = odd.those_apart(self.problem, d.baseline)
+        if not apart or len(self.problem.all) - len(apart) < FEWEST:
+            return None
+        self.say("asking all but those that stand apart")
+        part = replace(self, problem=self.problem.asked_of(odd.set_aside(self.problem.system, apart)))
+        rest = part.look()
+        named = part.explain(rest) if not rest.adequate else rest
+        complete = named.adequate or (named.naming and named.naming.status == Status.COMPLETE)
+        if not complete or (named.varies and named.varies.aside):
+            return None
+        few = odd.about(self.problem, named.problem or part.problem, named.best, apart)
+        beside = named.varies or Varies()
+        both = replace(beside, aside=few.members, commands=few.commands, slips=few.slips)
+        return replace(named, detection=d.detection, varies=both, problem=named.problem or part.problem)
 
     def _again(self, found: Findings) -> tuple[Order, Findings]:
         """What is named with what varies about it, where that explains more."""
@@ -220,7 +263,7 @@ class Order:
         assert more.naming is not None
         if more.naming.status == Status.UNDETERMINED:
             return self, found
-        return order, replace(more, varies=explain.Varies(explain.varied(order.problem, more.naming)))
+        return order, replace(more, varies=explain.named(order.problem, more.naming))
 
     def beyond(self, d: Findings) -> Findings:
         """What is named, with what describes the rest: a law of no list, else generic forces; nothing where nothing is

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from jumpvision.engine.order import Findings
 from jumpvision.engine.system import Observation
 from jumpvision.engine.vary.explain import Varied
 from jumpvision.engine.vary.patterns import Pattern, Scatter
+from jumpvision.engine.vary.screen import CLEAR
 from jumpvision.engine.vary.variables import Variable
 
 from . import values as record
@@ -24,7 +25,8 @@ def varies_of(d: Findings) -> tuple[record.Varies, ...]:
         return ()
     observations = d.problem.system.observations
     fitted = d.best.named
-    out = [v for x in d.varies.patterns for v in _pattern(x, observations, fitted)]
+    out = [v for x in d.varies.patterns for v in _pattern(x, observations, fitted, d.varies.commands)]
+    out += [_aside(i, d, observations) for i in d.varies.commands if i not in d.varies.aside]
     if d.varies.scatter:
         out.append(_scatter(d.varies.scatter, observations, fitted))
     for i in d.varies.aside:
@@ -45,20 +47,21 @@ def title(p: Pattern, observations: Sequence[Observation]) -> str:
     return f"{what} with {p.of or 'recording'}"
 
 
-def _pattern(x: Varied, observations: Sequence[Observation], fitted: Mapping[str, float]) -> Iterator[record.Varies]:
-    """One entry a number; of recordings with values of their own, one each."""
+def _pattern(
+    x: Varied, observations: Sequence[Observation], fitted: Mapping[str, float], but: Collection[int] = ()
+) -> Iterator[record.Varies]:
+    """One entry a number; of recordings with values of their own, one each, `but` these."""
     p = x.pattern
-    own = p.design.shape[1] - p.about_own
-    for k in range(own):
+    base = float(x.coefficients[-1]) if p.about_own else 0.0
+    changes = [_change(x, k) for k in range(p.design.shape[1] - p.about_own)]
+    clear = [k for k, (change, sigma) in enumerate(changes) if abs(change) >= CLEAR * sigma]
+    for k, (change, sigma) in enumerate(changes):
+        if p.kind is record.Pattern.ODD and clear and k not in clear:
+            continue  # one of several, that does not stand apart by itself
         column, v = p.design[:, k], p.variables[k]
-        base = float(x.coefficients[-1]) if p.about_own else 0.0
-        far = int(np.argmax(np.abs(column)))  # where it is largest
-        at = np.zeros(p.design.shape[1])
-        at[k] = column[far]
-        at[-1] += 1.0 if p.about_own else 0.0
-        sigma = math.sqrt(max(float(at @ x.covariance @ at), 0.0))
-        change = float(at @ x.coefficients)
         members = tuple(np.flatnonzero(column).tolist()) if p.kind is record.Pattern.ODD else p.members
+        if p.kind is record.Pattern.ODD and set(members) <= set(but):
+            continue
         if p.kind is record.Pattern.FUNCTION and not members and math.isfinite(p.break_at):
             members = tuple(np.flatnonzero(column > 0).tolist())
         ends = sorted(_value(v, change + s * Z90 * sigma, fitted) for s in (-1.0, 1.0))
@@ -137,6 +140,15 @@ def _scatter(s: Scatter, observations: Sequence[Observation], fitted: Mapping[st
         established=True,
         each=_values(s.apart.change, s.apart.sigma, v, observations, fitted),
     )
+
+
+def _change(x: Varied, k: int) -> tuple[float, float]:
+    """Of the k-th number where it is largest, with its standard uncertainty."""
+    p = x.pattern
+    at = np.zeros(p.design.shape[1])
+    at[k] = p.design[int(np.argmax(np.abs(p.design[:, k]))), k]
+    at[-1] += 1.0 if p.about_own else 0.0
+    return float(at @ x.coefficients), math.sqrt(max(float(at @ x.covariance @ at), 0.0))
 
 
 def _aside(i: int, d: Findings, observations: Sequence[Observation]) -> record.Varies:

@@ -25,7 +25,7 @@ from jumpvision.engine.system import patterns_of
 
 from .apart import Apart, beside
 from .candidates import coefficient
-from .odd import Odd, odd_ones
+from .odd import Odd, command_of, odd_ones
 from .patterns import Pattern, Scatter, Weighed
 from .screen import Screen, screen
 from .variables import Varying
@@ -48,14 +48,19 @@ class Varied:
 
 @dataclass(frozen=True)
 class Varies:
-    """What varies: patterns that are named; scatter; recordings that no number of theirs explains, set aside;
-    those of them that were driven by the command of another, or have a number that is far off."""
+    """What varies: patterns that are named; scatter; recordings that no number of theirs explains, set aside; by the
+    command of which other one some of these, or of the patterns, were driven; numbers of them that are far off."""
 
     patterns: tuple[Varied, ...] = ()
     scatter: Scatter | None = None
     aside: tuple[int, ...] = ()
     commands: Mapping[int, int] = field(default_factory=dict)
     slips: Mapping[int, Weighed] = field(default_factory=dict)
+
+    @property
+    def explained(self) -> bool:
+        """Whether of every recording that is set aside it is known why."""
+        return all(i in self.commands or i in self.slips for i in self.aside)
 
     def only_odd(self, named: Sequence[str]) -> bool:
         """Whether all that is named is of recordings that stand apart."""
@@ -138,6 +143,20 @@ def only(problem: Problem, named: Sequence[str]) -> Problem:
     gone = patterns_of(problem.system).keys() - set(named)
     kept.candidates = {n: c for n, c in problem.system.candidates.items() if n not in gone}  # type: ignore[misc]
     return problem.asked_of(kept) if gone else problem
+
+
+def named(problem: Problem, naming: Naming) -> Varies:
+    """What varies among what is named; of recordings with numbers of the drive of their own, those that were driven as
+    another was to be."""
+    patterns, fit = varied(problem, naming), naming.best.fit
+    commands: dict[int, int] = {}
+    for p in (x.pattern for x in patterns):
+        if p.kind is Kind.ODD and all(v.drive for v in p.variables):
+            own = [coefficient(p.name, k) for k in range(p.design.shape[1])]
+            values = np.array([0.0 if q.name in own else x for q, x in zip(fit.parameters, fit.values)])
+            plain = replace(fit, values=values)
+            commands |= {i: j for i in p.members if (j := command_of(problem, plain, i)) is not None}
+    return Varies(patterns, commands=commands)
 
 
 def varied(problem: Problem, naming: Naming) -> tuple[Varied, ...]:

@@ -67,6 +67,42 @@ def set_aside(system: System, members: Sequence[int]) -> System:
     return out
 
 
+def those_apart(problem: Problem, fit: Fit) -> tuple[int, ...]:
+    """The few recordings that each take half of what a model gets wrong; none where they do not."""
+    members: list[int] = []
+    count, rest = len(problem.all), fit
+    excess = fit.chi2 - problem.n
+    for _ in range(min(ODD, count // SHARE)):
+        worst = max((i for i in range(count) if i not in members), key=lambda i: _fall(rest, i))
+        if not _strange(problem, worst, _fall(rest, worst)):
+            break
+        part = problem.asked_of(set_aside(problem.system, [*members, worst]))
+        again = part.fit(fit.mechanisms, rest.named)
+        if again is None or again.chi2 - part.n > HALF * excess:
+            break
+        members.append(worst)
+        rest, excess = again, again.chi2 - part.n
+    return tuple(sorted(members))
+
+
+def about(problem: Problem, part: Problem, fit: Fit, members: tuple[int, ...]) -> Odd:
+    """What mends these recordings, about a fit of the others (`part`)."""
+    system = copy.copy(part.system)
+    system.observations = problem.system.observations  # type: ignore[misc]
+    whole = part.asked_of(system)
+    numbers = {i: w for i in members if (w := described(whole, fit, i)) is not None}
+    plain = {i for i, w in numbers.items() if _plain(w)}
+    commands = {i: j for i in members if i not in plain and (j := command_of(whole, fit, i)) is not None}
+    return Odd(members, (), commands, {i: w for i, w in numbers.items() if i not in commands})
+
+
+def _plain(w: Weighed) -> bool:
+    """Whether one number is off by the factor of a slip that no two commands are apart by."""
+    v, change = w.pattern.variables[0], float(w.coefficients[0])
+    factors = [f for f in FACTORS if f not in (2.0, 0.5)]
+    return w.coefficients.size == 1 and v.relative and any(abs((1.0 + change) / f - 1.0) < 0.01 for f in factors)
+
+
 def odd_ones(problem: Problem, fit: Fit, rng: np.random.Generator) -> Odd | None:
     """The few recordings without which a model is adequate; None where there are none."""
     count, members = len(problem.all), []
