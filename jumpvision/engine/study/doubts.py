@@ -14,6 +14,7 @@ import numpy as np
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.numbers import said
+from jumpvision.engine.document.document import interval
 from jumpvision.engine.document.values import Doubt, DoubtKind
 from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.order import Findings
@@ -26,6 +27,7 @@ RISE = FAR**2  # of chi^2 there, as the curvature has it
 SHARE = 0.25  # of what it says, below which the curvature is not believed
 CANCEL = 0.05  # length of the summed effect of parameters over that of each: below it they hide each other
 OWN = 0.02  # share of a mechanism's effect that nothing fitted can make: below it the mechanism is hidden
+NEARLY = 0.2  # of the way to the end of a range: as good as at it
 WIDE = 0.5  # of a range: a parameter that may lie in so much of it is not told
 HELD = 1e-6  # ranges: standard deviation that holds a parameter where it is put
 LAPS, TRIES = 8, 5  # iterations of a fit beside a held parameter, ever further values
@@ -140,35 +142,51 @@ def _shallow(problem: Problem, fit: Fit, sigma: Array) -> bool:
 
 def _followed(problem: Problem, fit: Fit, at: int, way: Array) -> Ridge | None:
     """The ridge along which a parameter is moved, the others fitted anew; None where its interval stands."""
-    p, value = fit.parameters[at], float(fit.values[at])
-    sigma = fit.sigma(p.name)
-    points, stands = [fit.values], True
-    for sign, end in ((1.0, p.high), (-1.0, p.low)):
-        room = abs(end - value)
-        if room <= 0.0 or sigma <= 0.0:
-            continue
-        last, off = fit.values, min(FAR * sigma, room)
-        for k in range(TRIES):
-            off = room if k == TRIES - 1 else off
-            there = _held(problem, fit, at, value + sign * off, last, way)
-            rise = math.inf if there is None else there.chi2 - fit.chi2
-            if rise > (SHARE * RISE * (off / (FAR * sigma)) ** 2 if k == 0 and off < room else RISE):
-                break
-            assert there is not None
-            last = there.values
-            points.append(last)
-            stands = False
-            if off == room:
-                break
-            off = min(4.0 * off, room)
-    low, high = np.min(points, axis=0), np.max(points, axis=0)
-    if stands:
+    sides = [_side(problem, fit, at, way * sign) for sign in (1.0, -1.0)]
+    points = [x for side in sides for x in side[0]]
+    if not points:
         return None
+    low, high = np.min([fit.values, *points], axis=0), np.max([fit.values, *points], axis=0)
     moved = [
         k for k, q in enumerate(fit.parameters) if k == at or high[k] - low[k] > max(fit.sigma(q.name), 0.05 * q.width)
     ]
-    reach = {fit.parameters[k].name: (float(low[k]), float(high[k])) for k in moved}
-    return Ridge(reach, bool(high[at] - low[at] > WIDE * p.width))
+    reach = {}
+    for k in moved:
+        p = fit.parameters[k]
+        near = interval(fit, p)  # on a side on which nothing was found, what the curvature says
+        reach[p.name] = (float(min(low[k], near.low)), float(max(high[k], near.high)))
+    wide = float(high[at] - low[at]) > WIDE * fit.parameters[at].width
+    return Ridge(reach, wide or all(whole for _, whole in sides))
+
+
+def _side(problem: Problem, fit: Fit, at: int, way: Array) -> tuple[list[Array], bool]:
+    """(points of the ridge on one side, none where chi^2 rises as it should; whether it reaches an end of a range)."""
+    value, sigma = float(fit.values[at]), fit.sigma(fit.parameters[at].name)
+    sign = math.copysign(1.0, way[at])
+    each = way / abs(way[at])
+    ends = np.array([q.high if e > 0.0 else q.low for q, e in zip(fit.parameters, each)])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rooms = np.where(np.abs(each) > 0.0, (ends - fit.values) / each, math.inf)
+    room = float(np.min(rooms))
+    if room <= 0.0 or sigma <= 0.0:
+        return [], True
+    points: list[Array] = []
+    off, most = min(FAR * sigma, room), room
+    for k in range(TRIES):
+        there = _held(problem, fit, at, value + sign * off, points[-1] if points else fit.values, way)
+        rise = math.inf if there is None else there.chi2 - fit.chi2
+        first = SHARE * RISE * min(off / (FAR * sigma), 1.0) ** 2
+        if there is None or rise > (RISE if points else first):
+            if not points and k > 0:
+                return [], False
+            most = off  # too far, perhaps only for another parameter's range
+        else:
+            points.append(there.values)
+            if off == room:
+                return points, True
+        reached = abs(float(points[-1][at]) - value) if points else 0.0
+        off = 0.5 * (reached + most) if most < room else room if k == TRIES - 2 else min(4.0 * reached, room)
+    return points, room - abs(float(points[-1][at]) - value) < NEARLY * room
 
 
 def _held(problem: Problem, fit: Fit, at: int, value: float, last: Array, way: Array) -> Fit | None:
