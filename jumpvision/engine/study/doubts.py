@@ -27,10 +27,10 @@ RISE = FAR**2  # of chi^2 there, as the curvature has it
 SHARE = 0.25  # of what it says, below which the curvature is not believed
 CANCEL = 0.05  # length of the summed effect of parameters over that of each: below it they hide each other
 OWN = 0.02  # share of a mechanism's effect that nothing fitted can make: below it the mechanism is hidden
-NEARLY = 0.2  # of the way to the end of a range: as good as at it
+NEARLY = 0.1  # of a range: as good as at its end
 WIDE = 0.5  # of a range: a parameter that may lie in so much of it is not told
 HELD = 1e-6  # ranges: standard deviation that holds a parameter where it is put
-LAPS, TRIES = 8, 5  # iterations of a fit beside a held parameter, ever further values
+LAPS, TRIES = 8, 7  # iterations of a fit beside a held parameter, ever further values
 
 
 @dataclass(frozen=True)
@@ -153,40 +153,39 @@ def _followed(problem: Problem, fit: Fit, at: int, way: Array) -> Ridge | None:
     reach = {}
     for k in moved:
         p = fit.parameters[k]
-        near = interval(fit, p)  # on a side on which nothing was found, what the curvature says
-        reach[p.name] = (float(min(low[k], near.low)), float(max(high[k], near.high)))
+        near = interval(fit, p)  # where nothing was found on a side, what the curvature says
+        both = all(side[0] for side in sides)
+        reach[p.name] = (
+            float(low[k] if both else min(low[k], near.low)),
+            float(high[k] if both else max(high[k], near.high)),
+        )
     wide = float(high[at] - low[at]) > WIDE * fit.parameters[at].width
     return Ridge(reach, wide or all(whole for _, whole in sides))
 
 
 def _side(problem: Problem, fit: Fit, at: int, way: Array) -> tuple[list[Array], bool]:
     """(points of the ridge on one side, none where chi^2 rises as it should; whether it reaches an end of a range)."""
-    value, sigma = float(fit.values[at]), fit.sigma(fit.parameters[at].name)
-    sign = math.copysign(1.0, way[at])
-    each = way / abs(way[at])
-    ends = np.array([q.high if e > 0.0 else q.low for q, e in zip(fit.parameters, each)])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        rooms = np.where(np.abs(each) > 0.0, (ends - fit.values) / each, math.inf)
-    room = float(np.min(rooms))
+    p, value, sigma, sign = fit.parameters[at], float(fit.values[at]), fit.sigma(fit.parameters[at].name), way[at]
+    room = p.high - value if sign > 0.0 else value - p.low
     if room <= 0.0 or sigma <= 0.0:
         return [], True
     points: list[Array] = []
-    off, most = min(FAR * sigma, room), room
+    off, reached, beyond = min(FAR * sigma, room), 0.0, math.inf
     for k in range(TRIES):
-        there = _held(problem, fit, at, value + sign * off, points[-1] if points else fit.values, way)
-        rise = math.inf if there is None else there.chi2 - fit.chi2
-        first = SHARE * RISE * min(off / (FAR * sigma), 1.0) ** 2
-        if there is None or rise > (RISE if points else first):
-            if not points and k > 0:
-                return [], False
-            most = off  # too far, perhaps only for another parameter's range
-        else:
+        there = _held(problem, fit, at, value + math.copysign(off, sign), points[-1] if points else fit.values, way)
+        most = RISE if points else SHARE * RISE * min(off / (FAR * sigma), 1.0) ** 2
+        if there is not None and there.chi2 - fit.chi2 <= most:
             points.append(there.values)
-            if off == room:
-                return points, True
-        reached = abs(float(points[-1][at]) - value) if points else 0.0
-        off = 0.5 * (reached + most) if most < room else room if k == TRIES - 2 else min(4.0 * reached, room)
-    return points, room - abs(float(points[-1][at]) - value) < NEARLY * room
+            reached = off
+        elif not points and k == 2:
+            return [], False
+        else:
+            beyond = off  # too far, perhaps only for another parameter's range
+        if reached == room:
+            break
+        off = 0.5 * (reached + beyond) if beyond <= room else room if k > 1 else min(4.0 * off, room)
+    ends = ((q, x) for q, x in zip(fit.parameters, points[-1])) if points else ()
+    return points, any(min(x - q.low, q.high - x) < NEARLY * q.width for q, x in ends)
 
 
 def _held(problem: Problem, fit: Fit, at: int, value: float, last: Array, way: Array) -> Fit | None:
