@@ -112,3 +112,39 @@ def test_every_model_named_has_its_open_loop_error():
     off = found.samples.measured - found.samples.extended
     assert after.rms["y"] == pytest.approx(float(np.sqrt(np.mean(off**2))), rel=1e-6)
     assert after.rms["y"] < 1.3e-3 < before.rms["y"]
+
+
+def test_a_parameter_that_matters_only_beside_another_is_not_idle():
+    """A phase does nothing at an amplitude of 0, where the probe begins."""
+    t, rng = np.arange(0.0, 2.0, 0.02), np.random.default_rng(SEED)
+    y = 0.5 * t + 0.3 * np.sin(5.0 * t + 0.7) + 1e-2 * rng.standard_normal(t.size)
+    free = [
+        jv.Parameter("slope", 0.4, (0, 2)),
+        jv.Parameter("size", 0.0, (-1, 1)),
+        jv.Parameter("phase", 0.2, (-3, 3), unit="rad"),
+    ]
+    study = jv.Study(
+        lambda p, r: p["slope"] * r.t + p["size"] * np.sin(5.0 * r.t + p["phase"]),
+        free,
+        [],
+        [jv.Channel(noise=1e-2)],
+    )
+    found = jv.diagnose([jv.Recording("one", t, y)], study)
+    assert not found.doubts and abs(found.fitted["phase"].value - 0.7) < 4 * found.fitted["phase"].sigma
+
+
+def test_a_curved_ridge_is_followed_to_its_ends():
+    """Of a product 3, each factor within .1 to 5: from .6 to 5."""
+    t, rng = np.arange(0.0, 2.0, 0.02), np.random.default_rng(SEED)
+    y = 3.0 * t + 0.02 * rng.standard_normal(t.size)
+    study = jv.Study(
+        lambda p, r: p["a"] * p["b"] * r.t,
+        [jv.Parameter(n, 1.0, (0.1, 5)) for n in "ab"],
+        [],
+        [jv.Channel(noise=0.02)],
+    )
+    found = jv.diagnose([jv.Recording("one", t, y)], study)
+    (doubt,) = found.doubts
+    assert doubt.kind == "cannot tell" and set(doubt.names) == {"a", "b"} and "cannot tell them apart" in found.sentence
+    for name in "ab":
+        assert found.fitted[name].low < 0.65 and found.fitted[name].high > 4.8

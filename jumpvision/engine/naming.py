@@ -329,7 +329,9 @@ def widened(problem: Problem, fit: Fit) -> tuple[Fit, float]:
         return fit, 1.0
     before, after = np.sqrt(np.diag(fit.covariance)), np.sqrt(np.diag(covariance))
     wide = np.maximum(after, before)
-    covariance = covariance * np.outer(wide / after, wide / after)
+    grown = np.divide(wide, after, out=np.zeros_like(wide), where=after > 0.0)
+    covariance = covariance * np.outer(grown, grown)
+    covariance[np.diag_indices_from(covariance)] = wide**2  # of what the recordings do not touch as it was
     return replace(fit, covariance=covariance), float(np.median(wide / before))
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.numbers import said
+from jumpvision.engine.document.document import interval
 from jumpvision.engine.document.values import Doubt, DoubtKind
 from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.order import Findings
@@ -26,9 +27,10 @@ RISE = FAR**2  # of chi^2 there, as the curvature has it
 SHARE = 0.25  # of what it says, below which the curvature is not believed
 CANCEL = 0.05  # length of the summed effect of parameters over that of each: below it they hide each other
 OWN = 0.02  # share of a mechanism's effect that nothing fitted can make: below it the mechanism is hidden
+NEARLY = 0.1  # of a range: as good as at its end
 WIDE = 0.5  # of a range: a parameter that may lie in so much of it is not told
 HELD = 1e-6  # ranges: standard deviation that holds a parameter where it is put
-LAPS, TRIES = 8, 5  # iterations of a fit beside a held parameter, ever further values
+LAPS, TRIES = 8, 7  # iterations of a fit beside a held parameter, ever further values
 
 
 @dataclass(frozen=True)
@@ -140,35 +142,50 @@ def _shallow(problem: Problem, fit: Fit, sigma: Array) -> bool:
 
 def _followed(problem: Problem, fit: Fit, at: int, way: Array) -> Ridge | None:
     """The ridge along which a parameter is moved, the others fitted anew; None where its interval stands."""
-    p, value = fit.parameters[at], float(fit.values[at])
-    sigma = fit.sigma(p.name)
-    points, stands = [fit.values], True
-    for sign, end in ((1.0, p.high), (-1.0, p.low)):
-        room = abs(end - value)
-        if room <= 0.0 or sigma <= 0.0:
-            continue
-        last, off = fit.values, min(FAR * sigma, room)
-        for k in range(TRIES):
-            off = room if k == TRIES - 1 else off
-            there = _held(problem, fit, at, value + sign * off, last, way)
-            rise = math.inf if there is None else there.chi2 - fit.chi2
-            if rise > (SHARE * RISE * (off / (FAR * sigma)) ** 2 if k == 0 and off < room else RISE):
-                break
-            assert there is not None
-            last = there.values
-            points.append(last)
-            stands = False
-            if off == room:
-                break
-            off = min(4.0 * off, room)
-    low, high = np.min(points, axis=0), np.max(points, axis=0)
-    if stands:
+    sides = [_side(problem, fit, at, way * sign) for sign in (1.0, -1.0)]
+    points = [x for side in sides for x in side[0]]
+    if not points:
         return None
+    low, high = np.min([fit.values, *points], axis=0), np.max([fit.values, *points], axis=0)
     moved = [
         k for k, q in enumerate(fit.parameters) if k == at or high[k] - low[k] > max(fit.sigma(q.name), 0.05 * q.width)
     ]
-    reach = {fit.parameters[k].name: (float(low[k]), float(high[k])) for k in moved}
-    return Ridge(reach, bool(high[at] - low[at] > WIDE * p.width))
+    reach = {}
+    for k in moved:
+        p = fit.parameters[k]
+        near = interval(fit, p)  # where nothing was found on a side, what the curvature says
+        both = all(side[0] for side in sides)
+        reach[p.name] = (
+            float(low[k] if both else min(low[k], near.low)),
+            float(high[k] if both else max(high[k], near.high)),
+        )
+    wide = float(high[at] - low[at]) > WIDE * fit.parameters[at].width
+    return Ridge(reach, wide or all(whole for _, whole in sides))
+
+
+def _side(problem: Problem, fit: Fit, at: int, way: Array) -> tuple[list[Array], bool]:
+    """(points of the ridge on one side, none where chi^2 rises as it should; whether it reaches an end of a range)."""
+    p, value, sigma, sign = fit.parameters[at], float(fit.values[at]), fit.sigma(fit.parameters[at].name), way[at]
+    room = p.high - value if sign > 0.0 else value - p.low
+    if room <= 0.0 or sigma <= 0.0:
+        return [], True
+    points: list[Array] = []
+    off, reached, beyond = min(FAR * sigma, room), 0.0, math.inf
+    for k in range(TRIES):
+        there = _held(problem, fit, at, value + math.copysign(off, sign), points[-1] if points else fit.values, way)
+        most = RISE if points else SHARE * RISE * min(off / (FAR * sigma), 1.0) ** 2
+        if there is not None and there.chi2 - fit.chi2 <= most:
+            points.append(there.values)
+            reached = off
+        elif not points and k == 2:
+            return [], False
+        else:
+            beyond = off  # too far, perhaps only for another parameter's range
+        if reached == room:
+            break
+        off = 0.5 * (reached + beyond) if beyond <= room else room if k > 1 else min(4.0 * off, room)
+    ends = ((q, x) for q, x in zip(fit.parameters, points[-1])) if points else ()
+    return points, any(min(x - q.low, q.high - x) < NEARLY * q.width for q, x in ends)
 
 
 def _held(problem: Problem, fit: Fit, at: int, value: float, last: Array, way: Array) -> Fit | None:

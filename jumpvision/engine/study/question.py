@@ -84,7 +84,7 @@ def _told(found: Findings, system: Studied) -> tuple[Findings, tuple[Doubt, ...]
     try:
         wider, ridges = told(problem, found)
         return wider, (*ridges, *hidden(problem, found))
-    except BudgetUsed:
+    except (BudgetUsed, KeyboardInterrupt):
         return found, ()
 
 
@@ -99,7 +99,7 @@ def _simulated(found: Findings, system: Studied, *, whole: bool) -> tuple[tuple[
 
     try:
         more, apart = output_errors(problem, fits)
-    except BudgetUsed:
+    except (BudgetUsed, KeyboardInterrupt):
         return tuple(own), ()
     return (*own, *more), apart
 
