@@ -50,6 +50,7 @@ from jumpvision.films.frames.opening import READERS
 
 from .crosschecks import cross_checks, falling, motion_of, ringing, softness, stances
 from .fit import contact_of
+from .modelled import modelled
 from .pushes import pushes
 from .recordings import NOWHERE, bare_view, in_pixels, open_film, open_pictures
 from .rod import read_motor, total_mass
@@ -232,7 +233,10 @@ def _doubts(e: Experiment, found: Found) -> Iterator[StageWarning]:
     if motion is None or rod is None or robot is None:
         return
     stop = law.stop if law is not None and law.moves else -math.inf
-    yield from falling(motion, robot, found.name, after=stop, hard=hard)
+    confirmed, doubted = modelled(found.name, e, rod, cast(BedHeight | None, found.made.get(BedHeight)))
+    yield from doubted
+    if not confirmed:  # a few flights' curvature says less than a whole motion
+        yield from falling(motion, robot, found.name, after=stop, hard=hard)
     if law is not None:
         yield from ringing(found.name, motion, rod.arrays[1], robot, law, hard=hard)
         yield from pushes(found.name, *rod.arrays[:2], robot, law, log if found.motor is not None else None)
