@@ -89,7 +89,7 @@ def first_push(t: Array, h: Array, period: float, slack: float) -> tuple[NDArray
 
 
 def first_motion(t: Array, h: Array) -> float:
-    """When a track h (n,) [m] at t [s] leaves the rest that it begins with: three samples on end, as one may be wrong."""
+    """When a track h (n,) [m] at t [s] leaves its first rest [s]: three samples on end, as one may be wrong."""
     away = np.abs(h - np.median(h[:5])) > 0.05 * np.ptp(h)
     begun = np.flatnonzero(away[:-2] & away[1:-1] & away[2:])
     return float(t[begun[0]] if begun.size else t[0])

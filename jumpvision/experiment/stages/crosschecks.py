@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import StageWarning
 from jumpvision.base.storage import sha256
-from jumpvision.estimate.flight import Flights, contact_flights, flight_height, track_flights
+from jumpvision.estimate.flight import Flights, contact_flights, flight_height
 from jumpvision.estimate.flight.flights import flights_of
 from jumpvision.estimate.flight.track import noise_of, pieces, stretches
 from jumpvision.estimate.ringdown import ring_down
@@ -30,13 +30,11 @@ from jumpvision.experiment.inputs.sections import (
     RodTrack,
     RodVideo,
 )
-from jumpvision.jumper.physics.oscillator import foot_ripple
 
-from .rod import commanded, hanging_foot, other_spring, position_at, total_mass
+from .rod import commanded, other_spring, position_at, total_mass
 
 FEWEST = 20  # samples of a recording
 SHORTEST = 0.03  # s: shorter flights of a track are not compared
-ENOUGH = 4e-3  # s between samples that tell a curvature
 GAP = 0.05  # s without a sample over which a flight is not followed
 AGREE = 5.0  # sigmas, and
 SHARE = 0.05  # of a flight's time, by which two flights may differ
@@ -142,31 +140,6 @@ def upright(name: str, motion: Motion, found: Flights) -> Iterator[StageWarning]
             name,
             {"upward_s": up, "downward_s": down},
         )
-
-
-def falling(motion: Motion, robot: Robot, name: str, *, after: float, hard: bool) -> Iterator[StageWarning]:
-    """The curvature of free flight beside gravity: scale, frame rate or tilt. after [s]: when the motor rests. A short
-    one may be a swing."""
-    foot = hanging_foot(robot)
-    good = np.isfinite(motion.t) & np.isfinite(motion.height) & (motion.t > after)
-    if good.sum() < FEWEST:
-        return
-    every = max(1, round(ENOUGH / float(np.median(np.diff(motion.t[good])))))
-    found = track_flights(
-        motion.t[good][::every],
-        motion.height[good][::every],
-        None if motion.sigma is None else motion.sigma[good][::every],
-        gravity=robot.gravity,
-        gravity_sigma=robot.sigma.gravity,
-        shortest=SHORTEST,
-        max_gap=GAP,
-        ripple=foot_ripple(*foot) if foot else 0.0,
-    )
-    k, mass = robot.spring_stiffness, total_mass(robot)
-    swing = math.pi * math.sqrt(mass / k) * (1.0 if hard else 1.5) if k and mass else 0.0  # half a swing on the ground
-    for doubt in found.doubts:
-        if doubt.kind == "scale" and np.nanmax(found.time, initial=0.0) > swing:
-            yield StageWarning("scale", f"[{name}] {doubt}", name, doubt.values)
 
 
 def ringing(name: str, motion: Motion, h: Array, robot: Robot, law: Actuation, *, hard: bool) -> Iterator[StageWarning]:

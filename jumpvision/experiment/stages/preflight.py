@@ -48,7 +48,8 @@ from jumpvision.films.frames import Film
 from jumpvision.films.frames.decoding import open_video
 from jumpvision.films.frames.opening import READERS
 
-from .crosschecks import cross_checks, falling, motion_of, ringing, softness, stances
+from .crosschecks import cross_checks, motion_of, ringing, softness, stances
+from .falling import falling, flown
 from .fit import contact_of
 from .modelled import modelled
 from .pushes import pushes
@@ -227,15 +228,20 @@ def _doubts(e: Experiment, found: Found) -> Iterator[StageWarning]:
         motion = found.ask(lambda: motion_of(*rod.arrays, robot, law, log))
     hard = e.ground == "hard"
     yield from cross_checks(found.name, motion, found.contact, law, found.motor, softness(motion, robot, hard=hard))
-    if hard and robot is not None and found.contact is not None:
+    said = None
+    if found.contact is not None:
         said = found.ask(lambda: contact_flights(*found.contact, debounce=0.005) if found.contact else None)
-        yield from stances(said, robot, law) if said is not None else ()
+    if hard and robot is not None and said is not None:
+        yield from stances(said, robot, law)
     if motion is None or rod is None or robot is None:
         return
     stop = law.stop if law is not None and law.moves else -math.inf
     confirmed, doubted = modelled(found.name, e, rod, cast(BedHeight | None, found.made.get(BedHeight)))
+    if said is not None and not doubted:
+        falls, doubted = flown(motion, said, robot, found.name, stop)
+        confirmed |= falls
     yield from doubted
-    if not confirmed:  # a few flights' curvature says less than a whole motion
+    if not (confirmed or doubted):  # a few flights that the track alone shows say less
         yield from falling(motion, robot, found.name, after=stop, hard=hard)
     if law is not None:
         yield from ringing(found.name, motion, rod.arrays[1], robot, law, hard=hard)
