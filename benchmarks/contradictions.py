@@ -345,6 +345,5 @@ def healthy() -> None:
             if [odd in s for s in said] != [True] if odd else said:
                 doubted.append(f"  {e.name}: {'; '.join(said) or f'not told: {odd}'}")
     print(*doubted, sep="\n")
-    print(
-        f"healthy folders doubted: {len(doubted)} of {len(asked)}; of these odd, and told: {sum(bool(o) for _, o in asked)}"
-    )
+    odd_ones = sum(odd is not None for _, odd in asked)
+    print(f"healthy folders doubted: {len(doubted)} of {len(asked)}, {odd_ones} of which are odd, and told to be")
