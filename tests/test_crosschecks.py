@@ -103,6 +103,15 @@ def test_a_log_of_the_other_sign_is_named(kind):
     assert list(driven(law, t, x)) == []
 
 
+def test_a_robot_that_is_said_to_fly_before_its_motor_starts_is_told():
+    """Where the track shows no flight to compare with."""
+    t, law = np.arange(0.0, 1.0, 2e-3), Actuation(kind="single", frequency=6.0, amplitude=0.01, start=0.2)
+    still = Motion(t, np.random.default_rng(1).normal(0.0, 3e-5, t.size), np.full(t.size, 3e-5), G)
+    for touches, told in ((np.ones(t.size), []), (np.zeros(t.size), [("sign", "contact_log")])):
+        said = cross_checks("rod_track", still, (t, touches), law, None)
+        assert [(d.kind, d.recording) for d in said] == told
+
+
 @pytest.fixture
 def campaign(tmp_path):
     """Two jumps of the samples with their campaign.toml."""

@@ -15,8 +15,8 @@ from jumpvision.estimate.mean import weighted_mean
 from jumpvision.experiment.inputs.sections import Robot
 from jumpvision.jumper.physics.oscillator import foot_frequency, foot_ripple
 
-from .crosschecks import FEWEST, GAP, SHORTEST, Motion
-from .rod import hanging_foot, total_mass
+from .crosschecks import FEWEST, GAP, SHORTEST, Motion, swing_of
+from .rod import hanging_foot
 
 ENOUGH = 4e-3  # s between samples that tell a curvature
 ENDS = 0.1  # of a flight, at both ends, in which spring and ground may act
@@ -43,8 +43,7 @@ def falling(motion: Motion, robot: Robot, name: str, *, after: float, hard: bool
         max_gap=GAP,
         ripple=foot_ripple(*foot) if foot else 0.0,
     )
-    k, mass = robot.spring_stiffness, total_mass(robot)
-    swing = math.pi * math.sqrt(mass / k) * (1.0 if hard else 1.5) if k and mass else 0.0  # half a swing on the ground
+    swing = swing_of(robot, hard=hard)
     for doubt in found.doubts:
         if doubt.kind == "scale" and np.nanmax(found.time, initial=0.0) > swing:
             yield StageWarning("scale", f"[{name}] {doubt}", name, doubt.values)

@@ -31,6 +31,7 @@ FEWEST = 30  # samples of a track to compare
 MISSED = 0.05  # of the motion, from which the robot's numbers are tried, which takes seconds
 LEFT = 0.25  # of the misfit, that another number may leave
 NEAR = 0.05  # of the motion, within which a model follows
+CONFIRMS = 0.02  # of the motion: a clock off by 3 ms misses by 5 %
 FACTORS = np.geomspace(1.0 / 12.0, 12.0, 17)  # of a robot's number; refined between
 PACES = np.geomspace(0.25, 4.0, 71)  # of the track's clock
 SHIFTS = np.linspace(-0.03, 0.03, 31)  # s, of its first motion
@@ -160,7 +161,7 @@ def modelled(name: str, e: Experiment, rod: RodMotion, bed: BedHeight | None) ->
             return False, []
         left, q = found.scaled(robot)
         off = not 1.0 / OTHER_SCALE < q < OTHER_SCALE
-        if not off and left < MISSED * found.size:
+        if not off and missed < CONFIRMS * found.size:
             return True, []
         most = min(LEFT * missed, NEAR * found.size)
         if off and left < most * min(abs(q), 1.0):

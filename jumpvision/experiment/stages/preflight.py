@@ -48,7 +48,7 @@ from jumpvision.films.frames import Film
 from jumpvision.films.frames.decoding import open_video
 from jumpvision.films.frames.opening import READERS
 
-from .crosschecks import cross_checks, motion_of, ringing, softness, stances
+from .crosschecks import cross_checks, motion_of, ringing, softness, stances, swing_of
 from .falling import falling, flown
 from .fit import contact_of
 from .modelled import modelled
@@ -227,21 +227,24 @@ def _doubts(e: Experiment, found: Found) -> Iterator[StageWarning]:
     if rod is not None and (log is None or found.motor is not None):
         motion = found.ask(lambda: motion_of(*rod.arrays, robot, law, log))
     hard = e.ground == "hard"
-    yield from cross_checks(found.name, motion, found.contact, law, found.motor, softness(motion, robot, hard=hard))
+    confirmed, doubted = False, list[StageWarning]()
+    if rod is not None and motion is not None:
+        confirmed, doubted = modelled(found.name, e, rod, cast(BedHeight | None, found.made.get(BedHeight)))
+    soft, swing = softness(motion, robot, hard=hard), swing_of(robot, hard=hard) if hard else 0.0  # sand damps it
+    yield from cross_checks(found.name, motion, found.contact, law, found.motor, soft, swing, confirmed)
     said = None
     if found.contact is not None:
         said = found.ask(lambda: contact_flights(*found.contact, debounce=0.005) if found.contact else None)
     if hard and robot is not None and said is not None:
         yield from stances(said, robot, law)
-    if motion is None or rod is None or robot is None:
+    if motion is None or rod is None or robot is None or confirmed:
         return
     stop = law.stop if law is not None and law.moves else -math.inf
-    confirmed, doubted = modelled(found.name, e, rod, cast(BedHeight | None, found.made.get(BedHeight)))
+    falls = False
     if said is not None and not doubted:
         falls, doubted = flown(motion, said, robot, found.name, stop)
-        confirmed |= falls
     yield from doubted
-    if not (confirmed or doubted):  # a few flights that the track alone shows say less
+    if not (falls or doubted):  # a few flights that the track alone shows say less
         yield from falling(motion, robot, found.name, after=stop, hard=hard)
     if law is not None:
         yield from ringing(found.name, motion, rod.arrays[1], robot, law, hard=hard)
