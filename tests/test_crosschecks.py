@@ -23,7 +23,8 @@ from jumpvision.estimate.flight import Flights
 from jumpvision.experiment.campaign.jumps import _jump
 from jumpvision.experiment.inputs.experiment import open_experiment, open_folder
 from jumpvision.experiment.inputs.sections import Actuation, Robot
-from jumpvision.experiment.stages.crosschecks import Motion, cross_checks, driven, repeated, stances
+from jumpvision.experiment.stages.crosschecks import Motion, cross_checks, driven, repeated, resting, stances
+from jumpvision.experiment.stages.falling import falls_otherwise
 from jumpvision.experiment.stages.preflight import preflight
 from jumpvision.experiment.workflow.run import Outcome
 from jumpvision.experiment.workflow.workspace import Step
@@ -104,12 +105,19 @@ def test_a_log_of_the_other_sign_is_named(kind):
 
 
 def test_a_robot_that_is_said_to_fly_before_its_motor_starts_is_told():
-    """Where the track shows no flight to compare with."""
     t, law = np.arange(0.0, 1.0, 2e-3), Actuation(kind="single", frequency=6.0, amplitude=0.01, start=0.2)
-    still = Motion(t, np.random.default_rng(1).normal(0.0, 3e-5, t.size), np.full(t.size, 3e-5), G)
     for touches, told in ((np.ones(t.size), []), (np.zeros(t.size), [("sign", "contact_log")])):
-        said = cross_checks("rod_track", still, (t, touches), law, None)
-        assert [(d.kind, d.recording) for d in said] == told
+        assert [(d.kind, d.recording) for d in resting(t, touches, law)] == told
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("off", [0.8, 1.0, 1.2])
+def test_a_scale_is_told_by_when_the_track_falls(off, seed):
+    """Without a contact log or a model: flights are found by their curvature, here at another than gravity's."""
+    t, h, _ = hops(np.random.default_rng(seed))
+    said = list(falls_otherwise(Motion(t, off * h, np.full(t.size, 5e-5), G), "rod_track", 0.0))
+    assert [d.kind for d in said] == ["scale"] * (off != 1.0)
+    assert all(d.values["falls_m_s2"] == pytest.approx(off * G, rel=0.1) for d in said)
 
 
 @pytest.fixture

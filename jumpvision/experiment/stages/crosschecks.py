@@ -103,8 +103,7 @@ def cross_checks(
         found = motion.flights()
         yield from () if confirmed else upright(name, motion, found, swing)
         if touches is not None and touches[0].size > FEWEST:
-            doubted = list(contact(name, motion, found, *touches, soft))
-            yield from doubted or (resting(*touches, law) if law is not None and law.moves else ())
+            yield from contact(name, motion, found, *touches, soft)
     if law is not None and motor is not None:
         yield from driven(law, *motor)
 
@@ -138,11 +137,11 @@ def swing_of(robot: Robot | None, *, hard: bool) -> float:
 
 def upright(name: str, motion: Motion, found: Flights, swing: float) -> Iterator[StageWarning]:
     """In free flight a track that points up is accelerated by -g, one that points down by +g. swing: `swing_of`."""
-    up = _lasting(found)
+    up = lasting(found)
     if up > 0.1 * motion.span:  # so much in flight, and it is not upside down
         return
     turned = motion.flights(upside_down=True)
-    down = _lasting(turned)
+    down = lasting(turned)
     if down > SHORTEST and down > 2.0 * up and np.nanmax(turned.time) > 1.25 * swing:
         yield StageWarning(
             "sign",
@@ -195,21 +194,22 @@ def stances(said: Flights, robot: Robot, law: Actuation | None) -> Iterator[Stag
         yield StageWarning(doubt.kind, said_so, doubt.recording, doubt.values)
 
 
-def resting(t: Array, touches: Array, law: Actuation) -> Iterator[StageWarning]:
+def resting(t: Array, touches: Array, law: Actuation | None) -> Iterator[StageWarning]:
     """Before its motor starts a robot stands: a contact log (1 on the ground) at t (n,) [s] must say so."""
-    before = t < law.start
-    if before.sum() > FEWEST and touches[before].mean() < MOST:
+    starts = law is not None and law.moves and law.start < t[-1]
+    before = t < law.start if law is not None and starts else np.zeros(t.size, bool)
+    if law is not None and before.sum() > FEWEST and touches[before].mean() < MOST:
         air = 1.0 - float(touches[before].mean())
         yield StageWarning(
             "sign",
-            f"[contact_log] says in the air for {100 * air:.0f} % of the time before the motor starts at {law.start:g} s: "
-            "are 0 and 1 exchanged, or is start on another clock? contact is 1 on the ground",
+            f"[contact_log] says in the air for {100 * air:.0f} % of the time before the motor starts at "
+            f"{law.start:g} s: are 0 and 1 exchanged, or is start on another clock? contact is 1 on the ground",
             "contact_log",
             {"air_before": air},
         )
 
 
-def _lasting(flights: Flights) -> float:
+def lasting(flights: Flights) -> float:
     """Time in complete flights [s]."""
     return float(np.nansum(flights.time)) if len(flights) else 0.0
 

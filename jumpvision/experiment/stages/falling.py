@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,13 +16,15 @@ from jumpvision.estimate.mean import weighted_mean
 from jumpvision.experiment.inputs.sections import Robot
 from jumpvision.jumper.physics.oscillator import foot_frequency, foot_ripple
 
-from .crosschecks import FEWEST, GAP, SHORTEST, Motion, swing_of
+from .crosschecks import FEWEST, GAP, SHORTEST, Motion, lasting, swing_of
 from .rod import hanging_foot
 
 ENOUGH = 4e-3  # s between samples that tell a curvature
 ENDS = 0.1  # of a flight, at both ends, in which spring and ground may act
 SIGMAS = 6.0  # noise that is correlated by 0.5 makes 6 of them 3.5
 SAME = 0.03  # of gravity, by which curvatures may differ: friction and air
+OTHERS = (0.7, 0.8, 0.9, 1.1, 1.2, 1.3)  # of gravity, at which flights are looked for where few fall at it
+MANY, ENOUGH_OF_IT = 0.2, 0.25  # of the time after the motor stops, in flight
 SHARP = 0.01  # of gravity: an uncertainty of a curvature that outdoes that of flights found in the track
 
 
@@ -47,6 +50,24 @@ def falling(motion: Motion, robot: Robot, name: str, *, after: float, hard: bool
     for doubt in found.doubts:
         if doubt.kind == "scale" and np.nanmax(found.time, initial=0.0) > swing:
             yield StageWarning("scale", f"[{name}] {doubt}", name, doubt.values)
+
+
+def falls_otherwise(motion: Motion, name: str, after: float) -> Iterator[StageWarning]:
+    """A track that is hardly ever in flight at gravity, and much at another: a flight is found by its curvature. after
+    [s]: when the motor rests."""
+    late = replace(motion, height=np.where(motion.t > after, motion.height, math.nan))
+    span = float(motion.t[-1]) - max(after, float(motion.t[0]))
+    if np.isfinite(late.height).sum() < FEWEST or (own := lasting(late.flights())) > ENOUGH_OF_IT * span:
+        return
+    most, q = max((lasting(replace(late, gravity=q * motion.gravity).flights()), q) for q in OTHERS)
+    if most > max(MANY * span, 3.0 * own):
+        yield StageWarning(
+            "scale",
+            f"[{name}] falls at about {q * motion.gravity:.2g} m/s^2 for {most:.3g} s, at {motion.gravity:.3g} for "
+            f"{own:.3g} s: scale, frame rate or tilt",
+            name,
+            {"falls_m_s2": q * motion.gravity, "falls_s": most, "gravity_s": own},
+        )
 
 
 def flown(motion: Motion, said: Flights, robot: Robot, name: str, after: float) -> tuple[bool, list[StageWarning]]:
