@@ -19,12 +19,12 @@ from conftest import SAMPLES
 
 from jumpvision.base.schema import InputError, StageWarning
 from jumpvision.cli import main
-from jumpvision.estimate.flight import Flights
+from jumpvision.estimate.flight import Flights, contact_flights
 from jumpvision.experiment.campaign.jumps import _jump
 from jumpvision.experiment.inputs.experiment import open_experiment, open_folder
 from jumpvision.experiment.inputs.sections import Actuation, Robot
 from jumpvision.experiment.stages.crosschecks import Motion, cross_checks, driven, repeated, resting, stances
-from jumpvision.experiment.stages.falling import falls_otherwise
+from jumpvision.experiment.stages.falling import falls_otherwise, flown
 from jumpvision.experiment.stages.preflight import preflight
 from jumpvision.experiment.workflow.run import Outcome
 from jumpvision.experiment.workflow.workspace import Step
@@ -118,6 +118,20 @@ def test_a_scale_is_told_by_when_the_track_falls(off, seed):
     said = list(falls_otherwise(Motion(t, off * h, np.full(t.size, 5e-5), G), "rod_track", 0.0))
     assert [d.kind for d in said] == ["scale"] * (off != 1.0)
     assert all(d.values["falls_m_s2"] == pytest.approx(off * G, rel=0.1) for d in said)
+
+
+@pytest.mark.parametrize(
+    ("off", "kinds", "right"), [(1.0, [], True), (1.05, ["scale"], False), (0.9, ["scale"], False)]
+)
+def test_a_scale_is_told_by_the_flights_of_a_contact_log(off):
+    """Noise of 50 um over flights of 0.1 s and more at 500 Hz: 0.3 % of g; 3 % may be friction."""
+    t, h, flights = hops(np.random.default_rng(7))
+    clock = np.arange(0.0, t[-1], 1e-3)
+    said = contact_flights(clock, contact_of(clock, flights), debounce=0.005)
+    motion = Motion(t, off * h, np.full(t.size, 5e-5), G)
+    falls, doubted = flown(motion, said, Robot(gravity=G), "rod_track", 0.0)
+    assert (falls, [d.kind for d in doubted]) == (off == 1.0, ["scale"] * (off != 1.0))
+    assert all(d.values["seen_m_s2"] == pytest.approx(off * G, rel=0.01) for d in doubted)
 
 
 @pytest.fixture
