@@ -120,9 +120,7 @@ def test_a_scale_is_told_by_when_the_track_falls(off, seed):
     assert all(d.values["falls_m_s2"] == pytest.approx(off * G, rel=0.1) for d in said)
 
 
-@pytest.mark.parametrize(
-    ("off", "kinds", "right"), [(1.0, [], True), (1.05, ["scale"], False), (0.9, ["scale"], False)]
-)
+@pytest.mark.parametrize("off", [1.0, 1.05, 0.9])
 def test_a_scale_is_told_by_the_flights_of_a_contact_log(off):
     """Noise of 50 um over flights of 0.1 s and more at 500 Hz: 0.3 % of g; 3 % may be friction."""
     t, h, flights = hops(np.random.default_rng(7))
