@@ -29,7 +29,9 @@ from .simulate import build_model, driver, moved
 BEYOND = 0.3  # s after the motor's stop until which motions are compared: later bounces repeat every error
 FEWEST = 30  # samples of a track to compare
 MISSED = 0.05  # of the motion, from which the robot's numbers are tried, which takes seconds
-LEFT = 0.25  # of the misfit, that another number may leave
+LEFT = 0.25  # of the misfit, that a scale may leave
+FOUND = 0.08  # that another number may: hidden friction, lags and limits of a motor leave 0.1 to 0.25
+PROMISING = 0.5  # at the nearest of FACTORS, from where the best is looked for
 NEAR = 0.05  # of the motion, within which a model follows
 CONFIRMS = 0.02  # of the motion: a clock off by 3 ms misses by 5 %
 FACTORS = np.geomspace(1.0 / 12.0, 12.0, 17)  # of a robot's number; refined between
@@ -91,7 +93,7 @@ class Played:
         logs = np.log(FACTORS)
         coarse = [at(q) for q in logs]
         k = int(np.argmin(coarse))
-        if not coarse[k] < 2.0 * LEFT * at(0.0):
+        if not coarse[k] < PROMISING * at(0.0):
             return coarse[k], float(FACTORS[k])
         step = logs[1] - logs[0]
         fine = minimize_scalar(at, bounds=(logs[k] - step, logs[k] + step), method="bounded", options={"xatol": 3e-3})
@@ -166,6 +168,7 @@ def modelled(name: str, e: Experiment, rod: RodMotion, bed: BedHeight | None) ->
         most = min(LEFT * missed, NEAR * found.size)
         if off and left < most * min(abs(q), 1.0):
             return False, [_scale(name, missed, left, q)]
+        most = min(FOUND * missed, NEAR * found.size)
         return False, _otherwise(name, found, robot, missed, most) if missed > MISSED * found.size else []
 
 
