@@ -10,6 +10,7 @@ import contextlib
 import io
 import json
 import math
+import os
 import shutil
 import tempfile
 import time
@@ -303,3 +304,46 @@ def table(first: int = 0, draws: int = 20, processes: int = 2) -> None:
     good = 100.0 * (1.0 - silent / total)
     print(f"\nright or told {good:.1f} % of {total}; healthy worlds doubted: {false} of {total}")
     print(f"{time.perf_counter() - began:.0f} s")
+
+
+FILM = "[grain_video]\nfile = '{}'\nscale = 1e-4\n"
+BALL = "[rod_video]\nfile = '{}'\nscale = 1e-4\nball_diameter = 0.0126\nexposure = 2e-5\n"
+KINECT = "ground = 'granular'\n[crater_depth]\nfile = '{}'\nscale = 0.0028025\nheight_scale = 0.001\n"
+REAL = {  # real recordings: an experiment.toml, and what their sources say that is odd about them
+    "photron_ball_12bit/ball_12bit.cihx": (BALL, None),
+    "photron_beam/beam.cihx": (FILM, "only every 2500th frame was saved"),
+    "photron_save_step/data_showcase.cih": (FILM, "only every 100th frame was saved"),
+    "cine_pims/cine_781.cine": (FILM, "frames left out when it was saved?"),
+    "cine_pims/cine_legacy.cine": (FILM, None),
+    "norpix_pims/sample_norpix6.seq": (FILM, None),
+    "pivlab_karman/*.bmp": (FILM + "frame_rate = 100.0\n", None),
+    "trackpy_bulkwater/*.png": (FILM + "frame_rate = 100.0\n", None),
+    "craters_kinect/[cf]*.npz": (KINECT, None),
+    "craters_kinect/plane*.npz": (KINECT, "no crater"),
+}
+
+
+def healthy() -> None:
+    """Print which folders of data_samples, and of the real recordings that JUMPVISION_REAL_DATA names, are doubted."""
+    samples = [as_campaign(open_folder(Path("data_samples") / n)) for n in ("loose_sand", "hard_ground")]
+    asked = [(e, None) for campaign in samples for e in campaign.experiments]
+    doubted, real = [], os.environ.get("JUMPVISION_REAL_DATA")
+    with tempfile.TemporaryDirectory() as place:
+        for pattern, (toml, odd) in REAL.items() if real else ():
+            found = sorted(Path(real).glob(pattern))
+            if toml.startswith(FILM) and "*" in pattern:
+                found = [found[0].with_stem("*")]  # one film
+            for file in found:
+                folder = Path(place) / pattern.replace("/", "-").replace("*", "all") / file.stem.replace("*", "all")
+                folder.mkdir(parents=True)
+                (folder / "real").symlink_to(file.parent.resolve())
+                (folder / "experiment.toml").write_text(toml.format(f"real/{file.name}"))
+                asked.append((as_campaign(open_folder(folder)).experiments[0], odd))
+        for e, odd in asked:
+            problems, warned = preflight(e)
+            said = [*problems, *(w["message"] for w in warned)]
+            if [odd in s for s in said] != [True] if odd else said:
+                doubted.append(f"  {e.name}: {'; '.join(said) or f'not told: {odd}'}")
+    print(*doubted, sep="\n")
+    odd_ones = sum(odd is not None for _, odd in asked)
+    print(f"healthy folders doubted: {len(doubted)} of {len(asked)}, {odd_ones} of which are odd, and told to be")

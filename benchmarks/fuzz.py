@@ -2,6 +2,7 @@
 
 `python -m benchmarks.fuzz [cases] [first seed]`; a mend is judged on seeds that did not find the fault.
 `python -m benchmarks.fuzz contradictions [first seed] [draws]`: slips planted into healthy folders.
+`python -m benchmarks.fuzz healthy`: what is said of the samples, and of real recordings (JUMPVISION_REAL_DATA).
 `python -m benchmarks.fuzz kills [number]`: runs killed at random moments.
 """
 
@@ -58,6 +59,10 @@ if __name__ == "__main__":
         from benchmarks.contradictions import table
 
         table(*map(int, sys.argv[2:]))
+    elif sys.argv[1:2] == ["healthy"]:
+        from benchmarks.contradictions import healthy
+
+        healthy()
     elif sys.argv[1:2] == ["kills"]:
         kills(*map(int, sys.argv[2:]))
     else:

@@ -19,11 +19,12 @@ from conftest import SAMPLES
 
 from jumpvision.base.schema import InputError, StageWarning
 from jumpvision.cli import main
-from jumpvision.estimate.flight import Flights
+from jumpvision.estimate.flight import Flights, contact_flights
 from jumpvision.experiment.campaign.jumps import _jump
 from jumpvision.experiment.inputs.experiment import open_experiment, open_folder
 from jumpvision.experiment.inputs.sections import Actuation, Robot
-from jumpvision.experiment.stages.crosschecks import Motion, cross_checks, driven, repeated, stances
+from jumpvision.experiment.stages.crosschecks import Motion, cross_checks, driven, repeated, resting, stances
+from jumpvision.experiment.stages.falling import falls_otherwise, flown
 from jumpvision.experiment.stages.preflight import preflight
 from jumpvision.experiment.workflow.run import Outcome
 from jumpvision.experiment.workflow.workspace import Step
@@ -101,6 +102,34 @@ def test_a_log_of_the_other_sign_is_named(kind):
     x = 0.01 * (np.sin(turn) - math.sin(law.start_phase)) + np.random.default_rng(1).normal(0.0, 5e-5, t.size)
     assert [d.kind for d in driven(law, t, -x)] == ["sign"]
     assert list(driven(law, t, x)) == []
+
+
+def test_a_robot_that_is_said_to_fly_before_its_motor_starts_is_told():
+    t, law = np.arange(0.0, 1.0, 2e-3), Actuation(kind="single", frequency=6.0, amplitude=0.01, start=0.2)
+    for touches, told in ((np.ones(t.size), []), (np.zeros(t.size), [("sign", "contact_log")])):
+        assert [(d.kind, d.recording) for d in resting(t, touches, law)] == told
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("off", [0.8, 1.0, 1.2])
+def test_a_scale_is_told_by_when_the_track_falls(off, seed):
+    """Without a contact log or a model: flights are found by their curvature, here at another than gravity's."""
+    t, h, _ = hops(np.random.default_rng(seed))
+    said = list(falls_otherwise(Motion(t, off * h, np.full(t.size, 5e-5), G), "rod_track", 0.0))
+    assert [d.kind for d in said] == ["scale"] * (off != 1.0)
+    assert all(d.values["falls_m_s2"] == pytest.approx(off * G, rel=0.1) for d in said)
+
+
+@pytest.mark.parametrize("off", [1.0, 1.05, 0.9])
+def test_a_scale_is_told_by_the_flights_of_a_contact_log(off):
+    """Noise of 50 um over flights of 0.1 s and more at 500 Hz: 0.3 % of g; 3 % may be friction."""
+    t, h, flights = hops(np.random.default_rng(7))
+    clock = np.arange(0.0, t[-1], 1e-3)
+    said = contact_flights(clock, contact_of(clock, flights), debounce=0.005)
+    motion = Motion(t, off * h, np.full(t.size, 5e-5), G)
+    falls, doubted = flown(motion, said, Robot(gravity=G), "rod_track", 0.0)
+    assert (falls, [d.kind for d in doubted]) == (off == 1.0, ["scale"] * (off != 1.0))
+    assert all(d.values["seen_m_s2"] == pytest.approx(off * G, rel=0.01) for d in doubted)
 
 
 @pytest.fixture

@@ -82,8 +82,14 @@ class Pushed:
 
 def first_push(t: Array, h: Array, period: float, slack: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """(samples (n,) of the rest and the first push, until the spring is slack; those of the rest) of a track h [m]."""
-    begun = np.flatnonzero(np.abs(h - np.median(h[:5])) > 0.05 * np.ptp(h))
-    begin = t[begun[0]] if begun.size else t[0]
+    begin = first_motion(t, h)
     up = np.flatnonzero((h - np.median(h[:5]) > 0.8 * slack) & (t > begin))
     near = (t > begin - 0.1) & (t < begin + 0.3 * period) & (t < (t[up[0]] if up.size else math.inf))
     return near, near & (t < begin - 0.02)
+
+
+def first_motion(t: Array, h: Array) -> float:
+    """When a track h (n,) [m] at t [s] leaves its first rest [s]: three samples on end, as one may be wrong."""
+    away = np.abs(h - np.median(h[:5])) > 0.05 * np.ptp(h)
+    begun = np.flatnonzero(away[:-2] & away[1:-1] & away[2:])
+    return float(t[begun[0]] if begun.size else t[0])

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import StageWarning
 from jumpvision.base.storage import sha256
-from jumpvision.estimate.flight import Flights, contact_flights, flight_height, track_flights
+from jumpvision.estimate.flight import Flights, contact_flights, flight_height
 from jumpvision.estimate.flight.flights import flights_of
 from jumpvision.estimate.flight.track import noise_of, pieces, stretches
 from jumpvision.estimate.ringdown import ring_down
@@ -30,13 +30,12 @@ from jumpvision.experiment.inputs.sections import (
     RodTrack,
     RodVideo,
 )
-from jumpvision.jumper.physics.oscillator import foot_ripple
+from jumpvision.jumper.physics.oscillator import lift_off_amplitude
 
-from .rod import commanded, hanging_foot, other_spring, position_at, total_mass
+from .rod import commanded, other_spring, position_at, total_mass
 
 FEWEST = 20  # samples of a recording
 SHORTEST = 0.03  # s: shorter flights of a track are not compared
-ENOUGH = 4e-3  # s between samples that tell a curvature
 GAP = 0.05  # s without a sample over which a flight is not followed
 AGREE = 5.0  # sigmas, and
 SHARE = 0.05  # of a flight's time, by which two flights may differ
@@ -95,12 +94,14 @@ def cross_checks(
     law: Actuation | None,
     motor: tuple[Array, Array] | None,
     soft: float = 0.0,
+    swing: float = 0.0,
+    confirmed: bool = False,
 ) -> Iterator[StageWarning]:
     """Every doubt. name: the track's section. touches: times and 0 or 1 of the contact log; motor: times, X_m [m].
-    soft [s]: as in `contact`."""
+    soft [s]: as in `contact`; swing [s]: as in `upright`. confirmed: the track's heights are known to be right."""
     if motion is not None and np.isfinite(motion.height).sum() > FEWEST:
         found = motion.flights()
-        yield from upright(name, motion, found)
+        yield from () if confirmed else upright(name, motion, found, swing)
         if touches is not None and touches[0].size > FEWEST:
             yield from contact(name, motion, found, *touches, soft)
     if law is not None and motor is not None:
@@ -128,13 +129,20 @@ def repeated(experiments: Iterable[Experiment]) -> dict[str, list[StageWarning]]
     return out
 
 
-def upright(name: str, motion: Motion, found: Flights) -> Iterator[StageWarning]:
-    """In free flight a track that points up is accelerated by -g, one that points down by +g."""
-    up = _lasting(found)
+def swing_of(robot: Robot | None, *, hard: bool) -> float:
+    """Time [s] of half a swing on the ground, which may look like a flight turned over; sand makes it longer."""
+    k, mass = robot.spring_stiffness if robot else None, total_mass(robot)
+    return math.pi * math.sqrt(mass / k) * (1.0 if hard else 1.5) if k and mass else 0.0
+
+
+def upright(name: str, motion: Motion, found: Flights, swing: float) -> Iterator[StageWarning]:
+    """In free flight a track that points up is accelerated by -g, one that points down by +g. swing: `swing_of`."""
+    up = lasting(found)
     if up > 0.1 * motion.span:  # so much in flight, and it is not upside down
         return
-    down = _lasting(motion.flights(upside_down=True))
-    if down > SHORTEST and down > 2.0 * up:
+    turned = motion.flights(upside_down=True)
+    down = lasting(turned)
+    if down > SHORTEST and down > 2.0 * up and np.nanmax(turned.time) > 1.25 * swing:
         yield StageWarning(
             "sign",
             f"[{name}] in free flight the height is accelerated by +{motion.gravity:.3g} m/s^2 (for {down:.3g} s; by "
@@ -144,34 +152,9 @@ def upright(name: str, motion: Motion, found: Flights) -> Iterator[StageWarning]
         )
 
 
-def falling(motion: Motion, robot: Robot, name: str, *, after: float, hard: bool) -> Iterator[StageWarning]:
-    """The curvature of free flight beside gravity: scale, frame rate or tilt. after [s]: when the motor rests. A short
-    one may be a swing."""
-    foot = hanging_foot(robot)
-    good = np.isfinite(motion.t) & np.isfinite(motion.height) & (motion.t > after)
-    if good.sum() < FEWEST:
-        return
-    every = max(1, round(ENOUGH / float(np.median(np.diff(motion.t[good])))))
-    found = track_flights(
-        motion.t[good][::every],
-        motion.height[good][::every],
-        None if motion.sigma is None else motion.sigma[good][::every],
-        gravity=robot.gravity,
-        gravity_sigma=robot.sigma.gravity,
-        shortest=SHORTEST,
-        max_gap=GAP,
-        ripple=foot_ripple(*foot) if foot else 0.0,
-    )
-    k, mass = robot.spring_stiffness, total_mass(robot)
-    swing = math.pi * math.sqrt(mass / k) * (1.0 if hard else 1.5) if k and mass else 0.0  # half a swing on the ground
-    for doubt in found.doubts:
-        if doubt.kind == "scale" and np.nanmax(found.time, initial=0.0) > swing:
-            yield StageWarning("scale", f"[{name}] {doubt}", name, doubt.values)
-
-
 def ringing(name: str, motion: Motion, h: Array, robot: Robot, law: Actuation, *, hard: bool) -> Iterator[StageWarning]:
     """The frequency of the rod's height h (n,) [m] after the last landing beside that of spring and masses; sand may
-    only make it less."""
+    only make it less, and so do hops, which are none while the spring stays compressed."""
     k, mass, t = robot.spring_stiffness, total_mass(robot), motion.t
     if not k or not mass or motion.sigma is None or not (law.moves or law.kind == "none"):
         return
@@ -184,7 +167,8 @@ def ringing(name: str, motion: Motion, h: Array, robot: Robot, law: Actuation, *
     if ring.reason or ring.frequency <= 0.0 or not ring.chi2 < 10.0 * ring.n:
         return
     slower = ring.frequency < math.sqrt(k / mass) / (2.0 * math.pi)
-    if (hard or not slower) and (doubt := other_spring(ring.frequency, k, mass)):
+    stands = hard and np.ptp(h[tail]) < 2.0 * lift_off_amplitude(k, mass, robot.gravity)
+    if (stands or not slower) and (doubt := other_spring(ring.frequency, k, mass)):
         yield StageWarning(doubt.kind, f"[{name}] {doubt}", doubt.recording, doubt.values)
 
 
@@ -210,7 +194,22 @@ def stances(said: Flights, robot: Robot, law: Actuation | None) -> Iterator[Stag
         yield StageWarning(doubt.kind, said_so, doubt.recording, doubt.values)
 
 
-def _lasting(flights: Flights) -> float:
+def resting(t: Array, touches: Array, law: Actuation | None) -> Iterator[StageWarning]:
+    """Before its motor starts a robot stands: a contact log (1 on the ground) at t (n,) [s] must say so."""
+    starts = law is not None and law.moves and law.start < t[-1]
+    before = t < law.start if law is not None and starts else np.zeros(t.size, bool)
+    if law is not None and before.sum() > FEWEST and touches[before].mean() < MOST:
+        air = 1.0 - float(touches[before].mean())
+        yield StageWarning(
+            "sign",
+            f"[contact_log] says in the air for {100 * air:.0f} % of the time before the motor starts at "
+            f"{law.start:g} s: are 0 and 1 exchanged, or is start on another clock? contact is 1 on the ground",
+            "contact_log",
+            {"air_before": air},
+        )
+
+
+def lasting(flights: Flights) -> float:
     """Time in complete flights [s]."""
     return float(np.nansum(flights.time)) if len(flights) else 0.0
 

@@ -19,6 +19,7 @@ from jumpvision.experiment.inputs.sections import (
     CraterImage,
     GrainVideo,
     IntrusionLog,
+    Motor,
     MotorLog,
     Robot,
     RodTrack,
@@ -42,6 +43,7 @@ class Everything(Inputs):
     robot: Robot | None
     law: Actuation | None
     log: MotorLog | None
+    motor: Motor | None
     contact: ContactLog | None
     table: RodTrack | None
     film: RodVideo | None
@@ -59,7 +61,7 @@ class Everything(Inputs):
 RECORDED = ("rod", "log", "contact", "table", "film", "grains", "image", "line", "depth", "pushed", "spring")
 
 
-@stage(version=1, any_of=RECORDED)
+@stage(version=2, any_of=RECORDED)
 def doubts(experiment: Experiment, given: Everything) -> Doubts:
     """Recordings that contradict each other or what is declared; units, clocks, marks and names that look wrong.
 

@@ -48,8 +48,10 @@ from jumpvision.films.frames import Film
 from jumpvision.films.frames.decoding import open_video
 from jumpvision.films.frames.opening import READERS
 
-from .crosschecks import cross_checks, falling, motion_of, ringing, softness, stances
+from .crosschecks import cross_checks, motion_of, resting, ringing, softness, stances, swing_of
+from .falling import falling, falls_otherwise, flown
 from .fit import contact_of
+from .modelled import modelled
 from .pushes import pushes
 from .recordings import NOWHERE, bare_view, in_pixels, open_film, open_pictures
 from .rod import read_motor, total_mass
@@ -225,14 +227,28 @@ def _doubts(e: Experiment, found: Found) -> Iterator[StageWarning]:
     if rod is not None and (log is None or found.motor is not None):
         motion = found.ask(lambda: motion_of(*rod.arrays, robot, law, log))
     hard = e.ground == "hard"
-    yield from cross_checks(found.name, motion, found.contact, law, found.motor, softness(motion, robot, hard=hard))
-    if hard and robot is not None and found.contact is not None:
+    confirmed, doubted = False, list[StageWarning]()
+    if rod is not None and motion is not None:
+        confirmed, doubted = modelled(found.name, e, rod, cast(BedHeight | None, found.made.get(BedHeight)))
+    soft, swing = softness(motion, robot, hard=hard), swing_of(robot, hard=hard) if hard else 0.0  # sand damps it
+    yield from cross_checks(found.name, motion, found.contact, law, found.motor, soft, swing, confirmed)
+    said = None
+    if found.contact is not None:
         said = found.ask(lambda: contact_flights(*found.contact, debounce=0.005) if found.contact else None)
-        yield from stances(said, robot, law) if said is not None else ()
-    if motion is None or rod is None or robot is None:
+        turned = list(resting(*found.contact, law))
+        yield from turned
+        if hard and robot is not None and said is not None and not turned:
+            yield from stances(said, robot, law)
+    if motion is None or rod is None or robot is None or confirmed:
         return
     stop = law.stop if law is not None and law.moves else -math.inf
-    yield from falling(motion, robot, found.name, after=stop, hard=hard)
+    falls = False
+    if said is not None and not doubted:
+        falls, doubted = flown(motion, said, robot, found.name, stop)
+    yield from doubted
+    if not (falls or doubted):  # a few flights that the track alone shows say less
+        doubted = [*falling(motion, robot, found.name, after=stop, hard=hard)]
+        yield from doubted or falls_otherwise(motion, found.name, stop)
     if law is not None:
         yield from ringing(found.name, motion, rod.arrays[1], robot, law, hard=hard)
         yield from pushes(found.name, *rod.arrays[:2], robot, law, log if found.motor is not None else None)
@@ -338,7 +354,8 @@ def _clocks(e: Experiment, found: Found) -> Iterator[StageWarning]:
     for name in ("rod_video", "grain_video"):
         if (film := found.films.get(name)) is not None and film.begin is not None and film.end is not None:
             spans[name] = film.begin, film.end
-    for name, log in (("motor_log", found.motor), (found.name, None if found.rod is None else found.rod.arrays)):
+    track = None if found.rod is None else found.rod.arrays
+    for name, log in (("motor_log", found.motor), ("contact_log", found.contact), (found.name, track)):
         if log is not None and name not in spans:
             spans[name] = float(log[0][0]), float(log[0][-1])
     if law is not None and not (law.moves and law.frequency is not None):
