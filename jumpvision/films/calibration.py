@@ -136,6 +136,14 @@ SMOOTHED_AWAY = Calibrated(
     "2026-11-25",
     "scales.smoothed: sigma of smoothed vectors",
 )
+CHANCE_MATCH = Calibrated(
+    0.02,
+    "1 - correlation in a window of 16 px, falling with its area, below which one in a thousand matches of pictures that "
+    "have nothing in common lies: sparse particles of 2.5 px, grains of 6 and 14 px, windows 16, 24, 32",
+    "benchmarks/shear.py",
+    "2026-11-25",
+    "engine: matches that are kept though their neighbours disagree",
+)
 STEP_OF_FIELD = Calibrated(
     4.0,
     "times the variance of chance, above which the field has a step that the surface must not round off; what set "

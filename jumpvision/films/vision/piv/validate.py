@@ -26,8 +26,9 @@ def normalised_median(
     """Residual of each vector against the median of its 8 neighbours, over their own scatter.
 
     u, v: (ny, nx) [px], NaN = no vector. slopes: change of u and of v per grid step (along x, along y), (ny, nx) each:
-    every neighbour then speaks for the place of the vector instead of its own, so that a sheared flow along a wall or a
-    mask is no disagreement. Without slopes the grid is continued linearly beyond its border.
+    every neighbour then speaks for the place of the vector instead of its own, by the mean of both slopes, so that a
+    sheared or curved flow is no disagreement, nor along a wall. Without slopes the grid is continued linearly beyond its
+    border.
     Above about 2 is an outlier. NaN with fewer than 3 neighbours or no vector. Westerweel & Scarano 2005,
     doi:10.1007/s00348-005-0016-6, eq. (2), both components together.
     """
@@ -44,7 +45,8 @@ def local_median(
 ) -> tuple[Array, Array]:
     """Median of the neighbours (3 x 3, else 5 x 5) and their robust scatter; NaN with fewer than 3 of them.
 
-    slope as in `normalised_median`. wanted: (ny, nx) where they are asked for, None: everywhere; NaN elsewhere.
+    slope as in `normalised_median`; where the place has none, the median of the neighbours' stands for it, and what
+    the slopes change on the way counts as scatter, too. wanted: (ny, nx) where they are asked for, None: everywhere; NaN elsewhere.
     """
     if wanted is None:
         wanted = np.ones(f.shape, bool)
@@ -74,18 +76,31 @@ def _medians(p: Array, px: Array, py: Array, reach: int, wanted: NDArray[np.bool
 
 @shared()
 def _fill_medians(first, last, p, px, py, reach, wanted, middle, scatter):  # type: ignore[no-untyped-def]
-    near = np.empty((2 * reach + 1) ** 2 - 1)
+    most = (2 * reach + 1) ** 2 - 1
+    near, of_x, of_y, bend = np.empty(most), np.empty(most), np.empty(most), np.empty(most)
     for j in range(first, last):
         for i in range(middle.shape[1]):
             if not wanted[j, i]:
                 continue
+            x0, y0 = px[j + reach, i + reach], py[j + reach, i + reach]
+            told = math.isfinite(x0) and math.isfinite(y0)
+            if not told:
+                n = 0
+                for y in range(j, j + 2 * reach + 1):
+                    for x in range(i, i + 2 * reach + 1):
+                        if math.isfinite(p[y, x] + px[y, x] + py[y, x]):
+                            of_x[n], of_y[n] = px[y, x], py[y, x]
+                            n += 1
+                if n > 0:
+                    x0, y0 = _median(of_x, n), _median(of_y, n)
             n = 0
             for dj in range(-reach, reach + 1):
                 for di in range(-reach, reach + 1):
                     y, x = j + reach + dj, i + reach + di
-                    value = p[y, x] - di * px[y, x] - dj * py[y, x]
+                    value = p[y, x] - 0.5 * (di * (px[y, x] + x0) + dj * (py[y, x] + y0))
                     if (dj != 0 or di != 0) and math.isfinite(value):
                         near[n] = value
+                        bend[n] = 0.5 * abs(di * (px[y, x] - x0) + dj * (py[y, x] - y0))
                         n += 1
             if n >= MIN_NEIGHBOURS:
                 m = _median(near, n)
@@ -93,6 +108,8 @@ def _fill_medians(first, last, p, px, py, reach, wanted, middle, scatter):  # ty
                 for k in range(n):
                     near[k] = abs(near[k] - m)
                 scatter[j, i] = _median(near, n)
+                if not told:
+                    scatter[j, i] += _median(bend, n)
 
 
 # comparisons that bring the middle two of eight values there: a sorting network less those that order the others
