@@ -14,7 +14,7 @@ import scipy
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
-from jumpvision.films.calibration import CHANCE_MATCH, FOREIGN_PIXEL, SPLINE_ERROR, STILL_MOVING, STILL_MOVING_FROM
+from jumpvision.films.calibration import FOREIGN_PIXEL, SPLINE_ERROR, STILL_MOVING, STILL_MOVING_FROM
 
 from . import pair as code
 from .frame import GAIN, LIGHT, STRONG, Frame, prepare, roughness, sharp
@@ -23,12 +23,13 @@ from .predict import Mask, at, flow, predict
 from .refine import Grid, Match, Pairs, refine
 from .scales import Noise, noise_factor, smoothed
 from .solve import COVERED, FLAT, STEPPED
-from .validate import error_length, factors, local_median, noise_within, normalised_median, unresolved
+from .validate import beyond_chance, error_length, factors, local_median, noise_within, normalised_median, unresolved
 
 Usable = Callable[[int], Mask]  # (H, W) of frame k, True where it is usable
 
 LARGEST_STEP = 0.25  # of the window; a step further has left the texture it was computed from
 STIFFNESS = 1.0  # of the surface through the vectors: damps noise between neighbours, keeps waves of 6 vectors to 1 %
+FROM_NEIGHBOURS = 3  # turns at most in which failed vectors start from their neighbours: so many rows along a wall
 TRIAL = 384  # px, side of the middle part with which a second prefilter is tried
 MARGIN = 12  # px of border around a frame beyond half a window: gradient stencil, spline, half of a displacement
 
@@ -244,7 +245,7 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     noise = Noise(s.window, s.step, STIFFNESS, times)
     sigma *= noise_factor(whole, sigma[:2], noise)
     missed = unresolved(m.finer, measured, s.window, s.step, noise_within(*noise))
-    missed += STILL_MOVING.value[s.preset] * _last_change(np.nan_to_num(m.p[:2] - start), np.nan_to_num(sigma[:2]))
+    missed += STILL_MOVING.value[s.preset] * _last_change(np.where(measured, m.p[:2] - start, 0), np.nan_to_num(sigma[:2]))
 
     def stated(spread: Array, share: Array | float) -> Array:
         sigma = np.sqrt(spread**2 + share * missed + SPLINE_ERROR.value[s.preset] ** 2)
@@ -304,16 +305,23 @@ def _beside_jumps(pairs: Pairs, grid: Grid, m: Match, measured: NDArray[np.bool_
 def _second_try(
     pairs: Pairs, grid: Grid, m: Match, reason: NDArray[np.int8], s: Settings
 ) -> tuple[Match, NDArray[np.int8], NDArray[np.bool_]]:
-    """The failed vectors matched again from the two peaks of a correlation, whichever matches better.
+    """The failed vectors matched again from the two peaks of a correlation, whichever matches better, then from what
+    their neighbours say, as long as that finds some.
 
     Returns the match, its reasons and where the correlation's peak lies on the edge of its search.
     """
     coarse = predict(pairs, passes=s.passes, outlier=s.outlier, on=backend(s.backend))
-    for peak in ((coarse.u, coarse.v), (coarse.u2, coarse.v2)):
+    peaks: list[Array | None] = [
+        np.stack([at(coarse, f, grid.x, grid.y) for f in peak]) for peak in ((coarse.u, coarse.v), (coarse.u2, coarse.v2))
+    ]
+    for peak in [*peaks, *[None] * FROM_NEIGHBOURS]:
         again = _to_try(reason)
+        if not again.any():
+            break
         kept = _whole(np.where(np.isin(reason, code.MEASURED), m.p, np.nan), s.step)
-        start = np.where(again, np.stack([at(coarse, f, grid.x, grid.y) for f in peak]), kept)
-        trial = refine(pairs, grid, start, s.min_texture, None, False, None)
+        start = kept if peak is None else np.where(again, peak, kept)
+        rows = np.flatnonzero(again.any(1))
+        trial = refine(pairs, grid, start, s.min_texture, None, False, None, slice(rows[0], rows[-1] + 1))
         better = again & (trial.state == STEPPED) & ~(trial.quality <= m.quality)
         m = Match(
             np.where(better, trial.p, m.p),
@@ -354,7 +362,7 @@ def _certain(m: Match, p: Array, asked: NDArray[np.bool_], s: Settings) -> NDArr
     if not asked.any():
         return asked
     near = np.hypot(*(p[:2] - _around(p, s.step, asked)[0])) < LARGEST_STEP * s.window
-    return asked & near & (m.quality > 1 - CHANCE_MATCH.value * (s.window / 16) ** 2)
+    return asked & near & beyond_chance(m.quality, s.window)
 
 
 def _slopes(p: Array, step: int) -> tuple[tuple[Array, Array], tuple[Array, Array]]:

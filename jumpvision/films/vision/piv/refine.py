@@ -33,7 +33,7 @@ from .moments import FIRST, OF_PICTURES, OF_PLANES, gradient, moments, moments_o
 from .scatter import AROUND, scatter, within
 from .solve import STEPPED, covariances, steps
 from .surface import along_x, along_y, at_vectors, axis, lightly_smoothed, pixel_spline
-from .validate import LAG
+from .validate import LAG, beyond_chance
 
 BAND = 4_000_000  # px of a frame that are worked on at a time: some 80 bytes each
 STENCIL = 2  # px on either side of a gradient
@@ -92,7 +92,9 @@ def refine(
     shape = pairs[0][0].weight.shape
     ny, nx = start.shape[1:]
     pad = pairs[0][0].pad
-    rows, columns = (axis(n, q[0] + pad, grid.step, len(q), grid.stiffness) for n, q in zip(shape, (grid.y, grid.x)))
+    rows, columns = (
+        axis(n, q[0] + pad, grid.step, len(q), grid.stiffness, grid.window) for n, q in zip(shape, (grid.y, grid.x))
+    )
     start, found = lightly_smoothed(rows, columns, start, matched)
     jump = None if foreign is None else found
     g = taper(grid.window)
@@ -144,7 +146,7 @@ def refine(
             finer[:, band.first : band.end] = within(of_pixels, grid.window, (halves[0], halves[1]), rounding)
             there = slice(band.first * nx, band.end * nx)
             of_windows = (sums[there], noise.reshape(-1, 18), spread.reshape(-1, 18))
-            covariances(count * nx, *of_windows, least, sigma[there])
+            covariances(count * nx, *of_windows, beyond_chance(quality[there], grid.window), least, sigma[there])
         # every other row; in one sum, so that bands do not change its last bit
         mean, clumped = 2 * np.concatenate(textures, axis=1).sum(1) / (shape[0] * shape[1])
         clumping = float(clumped / max(mean**2, 1e-12))

@@ -42,20 +42,31 @@ def smoother(vectors: int, stiffness: float, order: int = 2) -> Array:
     return np.linalg.inv(np.eye(vectors) + stiffness * difference.T @ difference).astype(np.float64)
 
 
+def continued(vectors: int, before: int, after: int, reach: int) -> Array:
+    """Matrix (before + vectors + after, vectors) that continues vectors along the parabola through the outer one and
+    those `reach` and twice that far inside; straight where there are too few."""
+    k = np.arange(-before, vectors + after)
+    out = np.eye(vectors)[np.clip(k, 0, vectors - 1)]
+    n = min(reach, (vectors - 1) // 2)
+    for beyond, f in ((np.maximum(-k, 0), np.eye(vectors)), (np.maximum(k - vectors + 1, 0), np.eye(vectors)[::-1])):
+        if n > 0:
+            t = beyond[:, None] / n
+            out += t * (f[0] - f[n]) + 0.5 * t * (t + 1) * (f[0] - 2 * f[n] + f[2 * n])
+        elif vectors > 1:
+            out += beyond[:, None] * (f[0] - f[1])
+    return out
+
+
 @functools.lru_cache(maxsize=16)
-def axis(pixels: int, first: float, step: int, vectors: int, stiffness: float) -> Axis:
-    """Cubic spline through vectors at first + step * k [px], continued straight beyond the outer ones."""
+def axis(pixels: int, first: float, step: int, vectors: int, stiffness: float, window: int) -> Axis:
+    """Cubic spline through vectors at first + step * k [px], continued beyond the outer ones (`continued`)."""
     before = math.ceil(first / step) + 2
     after = math.ceil((pixels - 1 - first) / step) - (vectors - 1) + 2
-    k = np.arange(-before, vectors + after)
-    straight = np.eye(vectors)[np.clip(k, 0, vectors - 1)]
-    if vectors > 1:
-        rise = np.eye(vectors)[[1, -1]] - np.eye(vectors)[[0, -2]]
-        straight += np.minimum(k, 0)[:, None] * rise[0] + np.maximum(k - vectors + 1, 0)[:, None] * rise[1]
-    n = len(k)
+    reach = max(1, round(window / (2 * step)))
+    bend = continued(vectors, before, after, reach)
+    n = len(bend)
     samples = (np.eye(n, k=-1) + 4 * np.eye(n) + np.eye(n, k=1)) / 6
-    samples[0, :3] = samples[-1, -3:] = 1, -2, 1  # straight at both ends of the knots
-    bend = straight.copy()
+    samples[0, :4] = samples[-1, -4:] = 1, -3, 3, -1  # a parabola at both ends of the knots
     bend[0] = bend[-1] = 0
     exact = np.linalg.solve(samples, bend).astype(np.float64)
     exact[np.abs(exact) < 1e-13] = 0  # what the spline has of a vector beyond some twenty others
@@ -64,7 +75,10 @@ def axis(pixels: int, first: float, step: int, vectors: int, stiffness: float) -
     knot = np.floor(q).astype(np.int64)
     t = q - knot
     weight = np.stack([(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, 1 + 3 * t + 3 * t**2 - 3 * t**3, t**3], axis=1) / 6
-    return Axis(exact, smoother(vectors, stiffness), slope, knot - 1, weight.astype(np.float32), before)
+    beyond = 12  # vectors that a surface hears
+    longer = smoother(vectors + 2 * beyond, stiffness) @ continued(vectors, beyond, beyond, reach)
+    smooth = np.ascontiguousarray(longer[beyond : beyond + vectors])
+    return Axis(exact, smooth, slope, knot - 1, weight.astype(np.float32), before)
 
 
 def lightly_smoothed(

@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import FROM_MAD, Array
 from jumpvision.base.threads import shared
-from jumpvision.films.calibration import FINER_MOTION, FINER_NOISE, LEAST_FREEDOM, SHORT_WAVES, SHORTEST_WAVES
+from jumpvision.films.calibration import (
+    CHANCE_MATCH,
+    FINER_MOTION,
+    FINER_NOISE,
+    LEAST_FREEDOM,
+    SHORT_WAVES,
+    SHORTEST_WAVES,
+)
 
 from .frame import taper
 
@@ -56,6 +63,11 @@ def local_median(
         far = _medians(*_bordered(f, 2, slope), 2, lonely)
         middle, scatter = (np.where(lonely, w, n) for n, w in zip((middle, scatter), far))
     return middle, FROM_MAD * scatter
+
+
+def beyond_chance(correlation: Array, window: int) -> NDArray[np.bool_]:
+    """Where a match is too good to be one of pictures that have nothing in common."""
+    return np.asarray(correlation > 1 - CHANCE_MATCH.value * (window / 16) ** 2)
 
 
 def _bordered(f: Array, reach: int, slope: tuple[Array, Array] | None) -> tuple[Array, Array, Array]:
