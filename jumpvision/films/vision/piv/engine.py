@@ -348,21 +348,13 @@ def _judge(m: Match, start: Array, s: Settings) -> NDArray[np.int8]:
     trusted = settled & (m.quality >= s.min_correlation)
     good = np.where(trusted, m.p, np.nan)
     reason = np.full(trusted.shape, code.VALID, np.int8)
-    apart = normalised_median(good[0], good[1], _slopes(good, s.step))
-    reason[(apart > s.outlier) & ~_certain(m, good, apart > s.outlier, s)] = code.INTERPOLATED
+    certain = beyond_chance(m.quality, s.window)
+    reason[normalised_median(good[0], good[1], _slopes(good, s.step), certain) > s.outlier] = code.INTERPOLATED
     reason[settled & ~trusted] = code.LOW_CORRELATION
     reason[~settled] = code.NOT_CONVERGED
     reason[m.state == COVERED] = code.MASKED
     reason[m.state == FLAT] = code.NO_TEXTURE
     return reason
-
-
-def _certain(m: Match, p: Array, asked: NDArray[np.bool_], s: Settings) -> NDArray[np.bool_]:
-    """Where a match is too good to be of other grains, though the neighbours, in reach of its search, disagree."""
-    if not asked.any():
-        return asked
-    near = np.hypot(*(p[:2] - _around(p, s.step, asked)[0])) < LARGEST_STEP * s.window
-    return asked & near & beyond_chance(m.quality, s.window)
 
 
 def _slopes(p: Array, step: int) -> tuple[tuple[Array, Array], tuple[Array, Array]]:

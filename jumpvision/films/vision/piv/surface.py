@@ -62,7 +62,7 @@ def axis(pixels: int, first: float, step: int, vectors: int, stiffness: float, w
     """Cubic spline through vectors at first + step * k [px], continued beyond the outer ones (`continued`)."""
     before = math.ceil(first / step) + 2
     after = math.ceil((pixels - 1 - first) / step) - (vectors - 1) + 2
-    reach = max(1, round(window / (2 * step)))
+    reach = max(1, round(window / step))
     bend = continued(vectors, before, after, reach)
     n = len(bend)
     samples = (np.eye(n, k=-1) + 4 * np.eye(n) + np.eye(n, k=1)) / 6
