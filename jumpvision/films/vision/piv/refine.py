@@ -32,7 +32,7 @@ from .frame import Frame, taper
 from .moments import FIRST, OF_PICTURES, OF_PLANES, gradient, moments, moments_of
 from .scatter import AROUND, scatter, within
 from .solve import STEPPED, covariances, steps
-from .surface import along_x, along_y, at_vectors, axis, lightly_smoothed, pixel_spline
+from .surface import at_vectors, axis, lightly_smoothed, of_columns, of_rows, pixel_spline
 from .validate import LAG, beyond_chance
 
 BAND = 4_000_000  # px of a frame that are worked on at a time: some 80 bytes each
@@ -121,7 +121,7 @@ def refine(
     steps(ny * nx, sums, len(pairs) * float(g.sum()) ** 2, texture, step, quality, rest, state)
 
     change = step.T.reshape(8, ny, nx)
-    (ux, vx), (uy, vy) = along_x(columns.slope, start), along_y(rows.slope, start)
+    (ux, vx), (uy, vy) = of_rows(columns.slope, columns, start), of_columns(rows.slope, rows, start)
     smooth = np.stack([*at_vectors(rows, columns, start, jump), ux, uy, vx, vy])
     p = smooth + change[ALONG]
     sigma, finer, clumping = None, None, np.nan
