@@ -75,8 +75,8 @@ def _smooth(vectors: int, stiffness: float) -> Array:
     s = smoother(vectors, stiffness)
     k = np.arange(vectors)
     taken = 0.5 * k**2 - s @ (0.5 * k**2)
-    near = k < vectors / 2
-    return np.column_stack([s, np.where(near, taken, 0), np.where(near, taken, 0)[::-1]])
+    near = np.clip((vectors - 1) / 2 - k + 0.5, 0, 1)  # each end answers for its half
+    return np.column_stack([s, near * taken, (near * taken)[::-1]])
 
 
 def with_bends(f: Array, reach: int) -> Array:
