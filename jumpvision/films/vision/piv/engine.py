@@ -292,14 +292,19 @@ def _beside_jumps(pairs: Pairs, grid: Grid, m: Match, measured: NDArray[np.bool_
     """The vectors `whole` (2, ny, nx) with those beside jumps matched once more, without the pixels of the other side.
 
     Each then speaks for its own side; over both sides together their mean would be wrong, so `matched` has them not.
+    What a smooth surface fits better than one that runs between the vectors is no jump.
     """
     assert m.jump is not None
     usual = float(np.median(m.rest[np.isfinite(m.rest)]))
     foreign = FOREIGN_PIXEL.value * math.sqrt(max(usual, 0.01))  # grey^2: rounding leaves as much
     rows = np.flatnonzero((m.jump > 0).any(1))
-    again = refine(pairs, grid, whole, s.min_texture, measured, False, foreign, slice(rows[0], rows[-1] + 1))
+    with_all, again = (
+        refine(pairs, grid, whole, s.min_texture, measured, False, limit, slice(rows[0], rows[-1] + 1))
+        for limit in (math.inf, foreign)
+    )
     near = np.hypot(*(again.p[:2] - whole)) < LARGEST_STEP * s.window
-    return np.where(measured & (m.jump > 0) & (again.state == STEPPED) & near, again.p[:2], whole)
+    jumps = (m.jump > 0) & (with_all.rest < m.rest)
+    return np.where(measured & jumps & (again.state == STEPPED) & near, again.p[:2], whole)
 
 
 def _second_try(
