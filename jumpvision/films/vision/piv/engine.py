@@ -14,7 +14,7 @@ import scipy
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
-from jumpvision.films.calibration import FOREIGN_PIXEL, SPLINE_ERROR, STILL_MOVING, STILL_MOVING_FROM
+from jumpvision.films.calibration import FEW_FINER, FEW_NOISE, FOREIGN_PIXEL, SPLINE_ERROR
 
 from . import pair as code
 from .frame import GAIN, LIGHT, STRONG, Frame, prepare, roughness, sharp
@@ -23,7 +23,7 @@ from .predict import Mask, at, flow, predict
 from .refine import Grid, Match, Pairs, refine
 from .scales import Noise, noise_factor, smoothed
 from .solve import COVERED, FLAT, STEPPED
-from .validate import beyond_chance, error_length, factors, local_median, noise_within, normalised_median, unresolved
+from .validate import beyond_chance, error_length, factors, fitted, local_median, noise_within, normalised_median, unresolved
 
 Usable = Callable[[int], Mask]  # (H, W) of frame k, True where it is usable
 
@@ -243,9 +243,12 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     filled = np.where(holes, near, p[:2])
     whole = _whole(np.concatenate([filled, p[2:]]), s.step)
     noise = Noise(s.window, s.step, STIFFNESS, times)
-    sigma *= noise_factor(whole, sigma[:2], noise)
-    missed = unresolved(m.finer, measured, s.window, s.step, noise_within(*noise))
-    missed += STILL_MOVING.value[s.preset] * _last_change(np.where(measured, m.p[:2] - start, 0), np.nan_to_num(sigma[:2]))
+    # few particles in a window: short waves of its errors are larger than those of white noise
+    few = fitted(*noise, m.clumping)
+    sigma *= noise_factor(whole, sigma[:2], noise) / (1 + FEW_NOISE.value * few)
+    by_chance, shared_by_neighbours = noise_within(*noise)
+    by_chance *= 1 + FEW_FINER.value * few
+    missed = unresolved(m.finer, measured, s.window, s.step, (by_chance, shared_by_neighbours))
 
     def stated(spread: Array, share: Array | float) -> Array:
         sigma = np.sqrt(spread**2 + share * missed + SPLINE_ERROR.value[s.preset] ** 2)
@@ -276,16 +279,6 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
         p[2:].reshape(2, 2, *shape),
         sigma[2:].reshape(2, 2, *shape),
     )
-
-
-def _last_change(change: Array, sigma: Array) -> Array:
-    """Mean square [px^2] (2, ny, nx) by which the last step has changed vectors, beyond what their noise explains.
-
-    In a band the steps come to rest slowly; the finer windows tell it over a neighbourhood only.
-    """
-    # over 3 x 3 vectors the square of the last change is averaged
-    about = np.stack([cv2.blur(q * q, (3, 3), borderType=cv2.BORDER_REFLECT) for q in change])
-    return np.asarray(np.maximum(about - STILL_MOVING_FROM.value * sigma**2, 0))
 
 
 def _beside_jumps(pairs: Pairs, grid: Grid, m: Match, measured: NDArray[np.bool_], whole: Array, s: Settings) -> Array:

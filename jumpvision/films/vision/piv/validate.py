@@ -17,7 +17,6 @@ from jumpvision.films.calibration import (
     CHANCE_MATCH,
     FINER_MOTION,
     FINER_NOISE,
-    LEAST_FREEDOM,
     SHORT_WAVES,
     SHORTEST_WAVES,
 )
@@ -162,11 +161,16 @@ def factors(window: int, step: int, stiffness: float, times: int, clumping: floa
     """Factors from the covariance of one window's single step to the standard uncertainty of d and of its gradient.
 
     clumping: mean of e times its box mean over mean(e)^2, e the squared gradient of the texture: where few pixels hold
-    most of it, the fit takes more of their noise.
+    most of it, the fit takes more of their noise, but never all.
     """
-    shift, slope, taken = _gains(window, step, stiffness, times)
-    left = max(1 - clumping * taken, LEAST_FREEDOM.value)
+    shift, slope, _ = _gains(window, step, stiffness, times)
+    left = 1 / (1 + fitted(window, step, stiffness, times, clumping))
     return float(np.sqrt(shift / left)), float(np.sqrt(slope / left))
+
+
+def fitted(window: int, step: int, stiffness: float, times: int, clumping: float) -> float:
+    """Noise that the fit takes out of the residuals, over what it leaves there; clumping as of `factors`."""
+    return clumping * _gains(window, step, stiffness, times)[2]
 
 
 @functools.lru_cache(maxsize=16)
