@@ -132,9 +132,9 @@ SMOOTHED_AWAY = Calibrated(
     "scales.smoothed: sigma of smoothed vectors",
 )
 CHANCE_MATCH = Calibrated(
-    0.02,
-    "1 - correlation in a window of 16 px, falling with its area, below which one in a thousand matches of pictures that "
-    "have nothing in common lies: sparse particles of 2.5 px, grains of 6 and 14 px, windows 16, 24, 32",
+    (0.02, 0.2),
+    "1 - correlation in a window of 16 px, growing as its side cubed to the second, below which two in a thousand matches "
+    "of pictures that have nothing in common lie: sparse particles of 2.5 px, grains of 6 and 14 px, windows 16, 24, 32",
     "benchmarks/shear.py",
     "2026-11-25",
     "engine: matches that are kept though their neighbours disagree",

@@ -70,7 +70,8 @@ def local_median(
 
 def beyond_chance(correlation: Array, window: int) -> NDArray[np.bool_]:
     """Where a match is too good to be one of pictures that have nothing in common."""
-    return np.asarray(correlation > 1 - CHANCE_MATCH.value * (window / 16) ** 2)
+    at_16, most = CHANCE_MATCH.value
+    return np.asarray(correlation > 1 - min(at_16 * (window / 16) ** 3, most))
 
 
 def _bordered(f: Array, reach: int, slope: tuple[Array, Array] | None) -> tuple[Array, Array, Array]:
