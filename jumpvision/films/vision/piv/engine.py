@@ -30,6 +30,7 @@ Usable = Callable[[int], Mask]  # (H, W) of frame k, True where it is usable
 LARGEST_STEP = 0.25  # of the window; a step further has left the texture it was computed from
 STIFFNESS = 1.0  # of the surface through the vectors: damps noise between neighbours, keeps waves of 6 vectors to 1 %
 FROM_NEIGHBOURS = 3  # turns at most in which failed vectors start from their neighbours: so many rows along a wall
+LOST = 1 / 3  # of the vectors failed: the first search has gone astray, and all are tried again
 TRIAL = 384  # px, side of the middle part with which a second prefilter is tried
 MARGIN = 12  # px of border around a frame beyond half a window: gradient stencil, spline, half of a displacement
 
@@ -317,6 +318,9 @@ def _second_try(
         if not again.any():
             break
         kept = _whole(np.where(np.isin(reason, code.MEASURED), m.p, np.nan), s.step)
+        # where many failed, those that passed by chance would bend the surface through the others
+        if peak is not None and again.sum() > LOST * np.isin(reason, code.MATCHED).sum():
+            again = np.ones_like(again)
         start = kept if peak is None else np.where(again, peak, kept)
         rows = np.flatnonzero(again.any(1))
         trial = refine(pairs, grid, start, s.min_texture, None, False, None, slice(rows[0], rows[-1] + 1))
