@@ -195,8 +195,10 @@ def _check(k: int, shape: tuple[int, ...], first: tuple[int, ...], window: int, 
 
 
 def vector_places(pixels: int, window: int, step: int) -> Array:
-    """Columns (or rows) [px] of the vectors in a picture of that many columns (rows)."""
-    return np.arange(window // 2, pixels - window // 2, step, dtype=np.float64)
+    """Columns (or rows) [px] of the vectors in a picture of that many columns (rows); of windows of 31, 32 and 33 px, and
+    the like, the same."""
+    first = min(max(window // 2, (window + 1) // 4 * 2), (pixels - 1) // 2)
+    return np.arange(first, pixels - first, step, dtype=np.float64)
 
 
 def length_of_errors(window: int, step: int, preset: str) -> float:
