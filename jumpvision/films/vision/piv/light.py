@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Image
+from jumpvision.base.schema import StageWarning
 from jumpvision.films.frames.base import Frames
 from jumpvision.films.parameters import PivParams
 
@@ -30,16 +32,29 @@ def light_of(frames: Frames, stride: int, p: PivParams) -> Light:
     return Light(tuple(common(frames, p.background, k, stride) for k in range(stride)) if wanted else (), p.clahe)
 
 
+DARK = 1.5  # times further from the minimum than from the maximum the mean lies: dark particles on a bright ground
+
+
 def common(frames: Frames, how: str, first: int, stride: int) -> NDArray[np.float32]:
-    """Minimum or mean (H, W) of 64 frames or fewer, evenly from `first` on, `stride` apart, one at a time."""
+    """Minimum or mean (H, W) of 64 frames or fewer, evenly from `first` on, `stride` apart, one at a time; of dark
+    particles on a bright ground the maximum for the minimum, which is told."""
     every = np.arange(first, len(frames), stride)
     if every.size < 3:
         raise ValueError(f'[params.piv] background = "{how}": needs 3 frames or pairs, found {every.size}; take "none"')
     shown = every[np.unique(np.linspace(0, every.size - 1, min(every.size, 64)).round().astype(int))]
-    out = frames[int(shown[0])].astype(np.float32)
+    total = frames[int(shown[0])].astype(np.float32)
+    low, high = total.copy(), total.copy()
     for i in shown[1:]:
-        out = np.minimum(out, frames[int(i)]) if how == "minimum" else out + frames[int(i)]
-    return np.asarray(out if how == "minimum" else out / shown.size, np.float32)
+        frame = frames[int(i)]
+        low, high, total = np.minimum(low, frame), np.maximum(high, frame), total + frame
+    mean = np.asarray(total / np.float32(shown.size), np.float32)
+    if how == "mean":
+        return mean
+    if np.nanmean(mean - low) <= DARK * np.nanmean(high - mean):
+        return np.asarray(low, np.float32)
+    said = 'background = "minimum": the particles are darker than the ground, so what is subtracted is the maximum'
+    warnings.warn(StageWarning("light", said), stacklevel=2)
+    return np.asarray(high, np.float32)
 
 
 def equalised(image: Image, tile: int) -> NDArray[np.float32]:
