@@ -32,12 +32,16 @@ def light_of(frames: Frames, stride: int, p: PivParams) -> Light:
     return Light(tuple(common(frames, p.background, k, stride) for k in range(stride)) if wanted else (), p.clahe)
 
 
-DARK = 1.5  # times further from the minimum than from the maximum the mean lies: dark particles on a bright ground
+SPARSE = 1.5  # times further from one extreme than from the other the mean lies, where particles leave the ground free
+FEW = 32  # frames; of fewer each leaves so much of its particles in the mean that vectors suffer
 
 
 def common(frames: Frames, how: str, first: int, stride: int) -> NDArray[np.float32]:
-    """Minimum or mean (H, W) of 64 frames or fewer, evenly from `first` on, `stride` apart, one at a time; of dark
-    particles on a bright ground the maximum for the minimum, which is told."""
+    """Minimum or mean (H, W) of 64 frames or fewer, evenly from `first` on, `stride` apart.
+
+    Of sparse particles the mean of FEW frames is their median. Of dark ones on a bright ground the minimum is the
+    maximum, which is told.
+    """
     every = np.arange(first, len(frames), stride)
     if every.size < 3:
         raise ValueError(f'[params.piv] background = "{how}": needs 3 frames or pairs, found {every.size}; take "none"')
@@ -48,9 +52,12 @@ def common(frames: Frames, how: str, first: int, stride: int) -> NDArray[np.floa
         frame = frames[int(i)]
         low, high, total = np.minimum(low, frame), np.maximum(high, frame), total + frame
     mean = np.asarray(total / np.float32(shown.size), np.float32)
+    below, above = float(np.nanmean(mean - low)), float(np.nanmean(high - mean))
     if how == "mean":
+        if shown.size < FEW and max(below, above) > SPARSE * min(below, above):
+            return np.asarray(np.median([frames[int(i)] for i in shown], axis=0), np.float32)
         return mean
-    if np.nanmean(mean - low) <= DARK * np.nanmean(high - mean):
+    if below <= SPARSE * above:
         return np.asarray(low, np.float32)
     said = 'background = "minimum": the particles are darker than the ground, so what is subtracted is the maximum'
     warnings.warn(StageWarning("light", said), stacklevel=2)
