@@ -1,6 +1,6 @@
 """Flows whose gradient changes within a window, beside OpenPIV at equal window and step: a markdown table, worst first.
 
-    python -m benchmarks.shear              # seeds 901 and 902
+    python -m benchmarks.shear              # seeds 901 to 904
     python -m benchmarks.shear 7            # others
     python -m benchmarks.shear 7 --alone    # without OpenPIV
 
@@ -144,7 +144,12 @@ def judged(case: Case, pair: tuple[NDArray[np.uint8], ...], window: int, step: i
     if peer:
         theirs = openpiv(case, pair, window, step)
         margin = window // 2
-        cut = (rows[:, None] >= margin) & (rows[:, None] <= height - 1 - margin) & (x >= margin) & (x <= case.shape[1] - 1 - margin)
+        cut = (
+            (rows[:, None] >= margin)
+            & (rows[:, None] <= height - 1 - margin)
+            & (x >= margin)
+            & (x <= case.shape[1] - 1 - margin)
+        )
         ours = float(np.nanmean(((drawn - true) ** 2).sum(0)[cut]))
     return Row(
         int(there.sum()),
@@ -199,7 +204,7 @@ HEAD = (
 
 
 def main() -> None:
-    seeds = [int(q) for q in sys.argv[1:] if not q.startswith("-")] or [901, 902]
+    seeds = [int(q) for q in sys.argv[1:] if not q.startswith("-")] or [901, 902, 903, 904]
     peer = "--alone" not in sys.argv
     print(HEAD)
     for name, case in ISSUE.items():
@@ -209,7 +214,9 @@ def main() -> None:
     for name, case in CASES.items():
         pictures = {s: frames(case, s) for s in seeds}
         for noise in NOISES:
-            pairs = [tuple(seen(q, noise, rng) for q in p) for s, p in pictures.items() for rng in [np.random.default_rng(s)]]
+            pairs = [
+                tuple(seen(q, noise, rng) for q in p) for s, p in pictures.items() for rng in [np.random.default_rng(s)]
+            ]
             for window in WINDOWS:
                 for step in (window // 4, window // 2):
                     rows = [judged(case, p, window, step, peer) for p in pairs]
@@ -221,7 +228,9 @@ def main() -> None:
     covers = np.array([[float(q) for q in r.split("|")[8:10]] for r in found])
     for k, kind in enumerate(("unsmoothed", "drawn")):
         within = (covers[:, k] >= 64) & (covers[:, k] <= 72)
-        print(f"\n{kind}: cover 64-72 % in {within.sum()} of {len(found)} rows, least {covers[:, k].min():.0f}, greatest {covers[:, k].max():.0f}")
+        print(
+            f"\n{kind}: cover 64-72 % in {within.sum()} of {len(found)} rows, least {covers[:, k].min():.0f}, greatest {covers[:, k].max():.0f}"
+        )
     print(f"\n{sum(not r.endswith('|  |') for r in found)} of {len(found)} rows fail.")
 
 
