@@ -1,4 +1,4 @@
-"""Flows that bend within a window, as the benchmark of shear draws them; long shifts; windows of odd sizes; dark particles."""
+"""Flows that bend within a window, as the benchmark of shear draws them; long shifts, odd windows, dark particles."""
 
 import numpy as np
 import pytest

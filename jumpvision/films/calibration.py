@@ -62,8 +62,8 @@ SHORTEST_WAVES = Calibrated(
 FEW_NOISE = Calibrated(
     0.08,
     "by which what the fit takes of the noise, over what it leaves (`validate.fitted`), lowers the noise that the "
-    "shortest waves tell: seven flows of particles and ten families, windows 16, 24, 32, steps of a quarter and a half, "
-    "seeds 11-13, 31, 32",
+    "shortest waves tell: seven flows of particles and ten families, windows 16, 24, 32, steps of a quarter and a "
+    "half, seeds 11-13, 31, 32",
     "benchmarks/shear.py",
     "2026-11-25",
     "engine: every sigma of a field",
@@ -133,8 +133,9 @@ SMOOTHED_AWAY = Calibrated(
 )
 CHANCE_MATCH = Calibrated(
     (0.02, 0.2),
-    "1 - correlation in a window of 16 px, growing as its side cubed to the second, below which two in a thousand matches "
-    "of pictures that have nothing in common lie: sparse particles of 2.5 px, grains of 6 and 14 px, windows 16, 24, 32",
+    "1 - correlation in a window of 16 px, growing as its side cubed to the second, below which two in a thousand "
+    "matches of pictures that have nothing in common lie: sparse particles of 2.5 px, grains of 6 and 14 px, windows "
+    "16, 24, 32",
     "benchmarks/shear.py",
     "2026-11-25",
     "engine: matches that are kept though their neighbours disagree",

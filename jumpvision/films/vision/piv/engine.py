@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
 from typing import Any
 
-import cv2
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -204,8 +203,8 @@ def _check(k: int, shape: tuple[int, ...], first: tuple[int, ...], window: int, 
 
 
 def vector_places(pixels: int, window: int, step: int) -> Array:
-    """Columns (or rows) [px] of the vectors in a picture of that many columns (rows); of windows of 31, 32 and 33 px, and
-    the like, the same."""
+    """Columns (or rows) [px] of the vectors in a picture of that many columns (rows); the same of windows of 31, 32 and
+    33 px, and the like."""
     first = min(max(window // 2, (window + 1) // 4 * 2), (pixels - 1) // 2)
     return np.arange(first, pixels - first, step, dtype=np.float64)
 

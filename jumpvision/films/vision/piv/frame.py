@@ -95,9 +95,9 @@ BY_CHANCE = 4.0  # such squares: empty regions that are larger are no chance
 def body(grey: Float32, usable: NDArray[np.bool_], noise: float) -> NDArray[np.bool_]:
     """Pixels (H, W) of a body that shows no texture where most of the picture does, and its rim.
 
-    A bar or a foot before the grains: what moves there is not what is asked for. It is 3 CELLs wide at least, or as wide
-    as a square that holds AT_LEAST particles elsewhere, and larger than chance leaves empty; one that is darker than the
-    grains may show some texture. noise: [grey^2] variance of the picture's white noise.
+    A bar or a foot before the grains: what moves there is not what is asked for. It is 3 CELLs wide at least, or as
+    wide as a square that holds AT_LEAST particles elsewhere, and larger than chance leaves empty; one that is darker
+    than the grains may show some texture. noise: [grey^2] variance of the picture's white noise.
     """
     out = np.zeros(grey.shape, bool)
     rows, columns = (n // CELL for n in grey.shape)
@@ -116,7 +116,7 @@ def body(grey: Float32, usable: NDArray[np.bool_], noise: float) -> NDArray[np.b
         of_light = np.maximum(contrast, 0) / np.maximum(light * light, 1e-6)
         usual = [float(np.median(q[there][::4])) for q in (light, contrast, of_light)]
         if side == 3:
-            # a body has little of the usual light and contrast; grains in the shade keep their contrast over their light
+            # a body has little of the usual light and contrast; grains in the shade keep theirs over their light
             dark = (
                 (light < 0.4 * usual[0])
                 & (contrast + noise < 0.3**2 * (usual[1] + noise))

@@ -45,7 +45,8 @@ def smoother(vectors: int, stiffness: float, order: int = 2) -> Array:
 
 @functools.lru_cache(maxsize=16)
 def axis(pixels: int, first: float, step: int, vectors: int, stiffness: float, window: int) -> Axis:
-    """Cubic spline through vectors at first + step * k [px], beyond the outer ones a parabola of their slope and bend."""
+    """Cubic spline through vectors at first + step * k [px], beyond the outer ones a parabola by their slope and
+    bend."""
     before = math.ceil(first / step) + 2
     after = math.ceil((pixels - 1 - first) / step) - (vectors - 1) + 2
     k = np.arange(-before, vectors + after)

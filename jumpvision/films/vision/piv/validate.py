@@ -36,9 +36,9 @@ def normalised_median(
 
     u, v: (ny, nx) [px], NaN = no vector. slopes: change of u and of v per grid step (along x, along y), (ny, nx) each:
     every neighbour then speaks for the place of the vector instead of its own, by the mean of both slopes, so that a
-    sheared or curved flow is no disagreement, nor along a wall. Without slopes the grid is continued linearly beyond its
-    border. certain: (ny, nx) where the vector's own slopes are no chance: what slopes change on the way to its neighbours
-    then counts as scatter, as a flow that bends within a step bends from there on.
+    sheared or curved flow is no disagreement, nor along a wall. Without slopes the grid is continued linearly beyond
+    its border. certain: (ny, nx) where the vector's own slopes are no chance: what slopes change on the way to its
+    neighbours then counts as scatter, as a flow that bends within a step bends from there on.
     Above about 2 is an outlier. NaN with fewer than 3 neighbours or no vector. Westerweel & Scarano 2005,
     doi:10.1007/s00348-005-0016-6, eq. (2), both components together.
     """
