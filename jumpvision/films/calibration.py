@@ -59,19 +59,21 @@ SHORTEST_WAVES = Calibrated(
     "2026-11-25",
     "validate.unresolved",
 )
-STILL_MOVING = Calibrated(
-    {"default": 8.0, "fast": 1.0, "sharp": 8.0},
-    f"by preset: squared error over what the last step changed beyond its noise; {UNKNOWN}",
-    "benchmarks/piv_sigma.py",
+FEW_NOISE = Calibrated(
+    0.08,
+    "by which what the fit takes of the noise, over what it leaves (`validate.fitted`), lowers the noise that the "
+    "shortest waves tell: seven flows of particles and ten families, windows 16, 24, 32, steps of a quarter and a "
+    "half, seeds 11-13, 31, 32",
+    "benchmarks/shear.py",
     "2026-11-25",
-    "engine: sigma of vectors whose steps had not come to rest",
+    "engine: every sigma of a field",
 )
-STILL_MOVING_FROM = Calibrated(
-    0.5,
-    f"of sigma^2: a smaller change by the last step is noise; {UNKNOWN}",
-    "benchmarks/piv_sigma.py",
+FEW_FINER = Calibrated(
+    0.3,
+    "by which the same raises the noise of what a finer window adds; as FEW_NOISE",
+    "benchmarks/shear.py",
     "2026-11-25",
-    "engine: the same",
+    "engine: squared error of what windows average away",
 )
 SPLINE_ERROR = Calibrated(
     {"default": 0.0, "fast": 0.003, "sharp": 0.0},
@@ -79,13 +81,6 @@ SPLINE_ERROR = Calibrated(
     "benchmarks/piv.py",
     "2026-11-21",
     "engine: sigma of every vector, in quadrature",
-)
-LEAST_FREEDOM = Calibrated(
-    0.2,
-    f"share of the residuals that the fit leaves free; a smaller one says nothing about the noise; {UNKNOWN}",
-    "benchmarks/piv_sigma.py",
-    "2026-11-21",
-    "validate.factors: sigma of displacement and gradient",
 )
 LEAST_CORRELATION = Calibrated(
     0.2,
@@ -116,10 +111,10 @@ CALM_WORTH = Calibrated(
     "scales.noise_factor",
 )
 CALM_RANGE = Calibrated(
-    (0.6, 1.3),
-    f"factors on sigma that a field may ask for: it may be stirred all over; {UNKNOWN}",
-    "benchmarks/piv_sigma.py",
-    "2026-11-24",
+    (0.7, 1.6),
+    "factors on sigma that a field may ask for: it may be stirred all over, or partly at rest; as FEW_NOISE",
+    "benchmarks/shear.py",
+    "2026-11-25",
     "scales.noise_factor",
 )
 SEEN_WAVES = Calibrated(
@@ -135,6 +130,15 @@ SMOOTHED_AWAY = Calibrated(
     "benchmarks/piv_sigma.py",
     "2026-11-25",
     "scales.smoothed: sigma of smoothed vectors",
+)
+CHANCE_MATCH = Calibrated(
+    (0.02, 0.2),
+    "1 - correlation in a window of 16 px, growing as its side cubed to the second, below which two in a thousand "
+    "matches of pictures that have nothing in common lie: sparse particles of 2.5 px, grains of 6 and 14 px, windows "
+    "16, 24, 32",
+    "benchmarks/shear.py",
+    "2026-11-25",
+    "engine: matches that are kept though their neighbours disagree",
 )
 STEP_OF_FIELD = Calibrated(
     4.0,

@@ -110,7 +110,8 @@ class PivParams(Params):
     background: str = param(
         "none",
         "",
-        "what all frames have in common is subtracted before matching: its minimum or its mean",
+        "what all frames have in common is subtracted before matching: its minimum (of dark particles the maximum) or "
+        "its mean (of sparse particles in few frames the median)",
         choices=("none", "minimum", "mean"),
     )
     clahe: int = param(

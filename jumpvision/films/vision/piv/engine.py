@@ -8,13 +8,12 @@ from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
 from typing import Any
 
-import cv2
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
-from jumpvision.films.calibration import FOREIGN_PIXEL, SPLINE_ERROR, STILL_MOVING, STILL_MOVING_FROM
+from jumpvision.films.calibration import FEW_FINER, FEW_NOISE, FOREIGN_PIXEL, SPLINE_ERROR
 
 from . import pair as code
 from .frame import GAIN, LIGHT, STRONG, Frame, prepare, roughness, sharp
@@ -23,12 +22,23 @@ from .predict import Mask, at, flow, predict
 from .refine import Grid, Match, Pairs, refine
 from .scales import Noise, noise_factor, smoothed
 from .solve import COVERED, FLAT, STEPPED
-from .validate import error_length, factors, local_median, noise_within, normalised_median, unresolved
+from .validate import (
+    beyond_chance,
+    error_length,
+    factors,
+    fitted,
+    local_median,
+    noise_within,
+    normalised_median,
+    unresolved,
+)
 
 Usable = Callable[[int], Mask]  # (H, W) of frame k, True where it is usable
 
 LARGEST_STEP = 0.25  # of the window; a step further has left the texture it was computed from
 STIFFNESS = 1.0  # of the surface through the vectors: damps noise between neighbours, keeps waves of 6 vectors to 1 %
+FROM_NEIGHBOURS = 3  # turns at most in which failed vectors start from their neighbours: so many rows along a wall
+LOST = 1 / 3  # of the vectors failed: the first search has gone astray, and all are tried again
 TRIAL = 384  # px, side of the middle part with which a second prefilter is tried
 MARGIN = 12  # px of border around a frame beyond half a window: gradient stencil, spline, half of a displacement
 
@@ -193,8 +203,10 @@ def _check(k: int, shape: tuple[int, ...], first: tuple[int, ...], window: int, 
 
 
 def vector_places(pixels: int, window: int, step: int) -> Array:
-    """Columns (or rows) [px] of the vectors in a picture of that many columns (rows)."""
-    return np.arange(window // 2, pixels - window // 2, step, dtype=np.float64)
+    """Columns (or rows) [px] of the vectors in a picture of that many columns (rows); the same of windows of 31, 32 and
+    33 px, and the like."""
+    first = min(max(window // 2, (window + 1) // 4 * 2), (pixels - 1) // 2)
+    return np.arange(first, pixels - first, step, dtype=np.float64)
 
 
 def length_of_errors(window: int, step: int, preset: str) -> float:
@@ -242,9 +254,12 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     filled = np.where(holes, near, p[:2])
     whole = _whole(np.concatenate([filled, p[2:]]), s.step)
     noise = Noise(s.window, s.step, STIFFNESS, times)
-    sigma *= noise_factor(whole, sigma[:2], noise)
-    missed = unresolved(m.finer, measured, s.window, s.step, noise_within(*noise))
-    missed += STILL_MOVING.value[s.preset] * _last_change(np.nan_to_num(m.p[:2] - start), np.nan_to_num(sigma[:2]))
+    # few particles in a window: short waves of its errors are larger than those of white noise
+    few = fitted(*noise, m.clumping)
+    sigma *= noise_factor(whole, sigma[:2], noise) / (1 + FEW_NOISE.value * few)
+    by_chance, shared_by_neighbours = noise_within(*noise)
+    by_chance *= 1 + FEW_FINER.value * few
+    missed = unresolved(m.finer, measured, s.window, s.step, (by_chance, shared_by_neighbours))
 
     def stated(spread: Array, share: Array | float) -> Array:
         sigma = np.sqrt(spread**2 + share * missed + SPLINE_ERROR.value[s.preset] ** 2)
@@ -277,43 +292,49 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     )
 
 
-def _last_change(change: Array, sigma: Array) -> Array:
-    """Mean square [px^2] (2, ny, nx) by which the last step has changed vectors, beyond what their noise explains.
-
-    In a band the steps come to rest slowly; the finer windows tell it over a neighbourhood only.
-    """
-    # over 3 x 3 vectors the square of the last change is averaged
-    about = np.stack([cv2.blur(q * q, (3, 3), borderType=cv2.BORDER_REFLECT) for q in change])
-    return np.asarray(np.maximum(about - STILL_MOVING_FROM.value * sigma**2, 0))
-
-
 def _beside_jumps(pairs: Pairs, grid: Grid, m: Match, measured: NDArray[np.bool_], whole: Array, s: Settings) -> Array:
     """The vectors `whole` (2, ny, nx) with those beside jumps matched once more, without the pixels of the other side.
 
     Each then speaks for its own side; over both sides together their mean would be wrong, so `matched` has them not.
+    What a smooth surface fits better than one that runs between the vectors is no jump; `fast` does not ask.
     """
     assert m.jump is not None
     usual = float(np.median(m.rest[np.isfinite(m.rest)]))
     foreign = FOREIGN_PIXEL.value * math.sqrt(max(usual, 0.01))  # grey^2: rounding leaves as much
     rows = np.flatnonzero((m.jump > 0).any(1))
-    again = refine(pairs, grid, whole, s.min_texture, measured, False, foreign, slice(rows[0], rows[-1] + 1))
+    only = slice(rows[0], rows[-1] + 1)
+    again = refine(pairs, grid, whole, s.min_texture, measured, False, foreign, only)
     near = np.hypot(*(again.p[:2] - whole)) < LARGEST_STEP * s.window
-    return np.where(measured & (m.jump > 0) & (again.state == STEPPED) & near, again.p[:2], whole)
+    jumps = m.jump > 0
+    if s.preset != "fast":  # it would take a quarter more
+        jumps &= refine(pairs, grid, whole, s.min_texture, measured, False, math.inf, only).rest < m.rest
+    return np.where(measured & jumps & (again.state == STEPPED) & near, again.p[:2], whole)
 
 
 def _second_try(
     pairs: Pairs, grid: Grid, m: Match, reason: NDArray[np.int8], s: Settings
 ) -> tuple[Match, NDArray[np.int8], NDArray[np.bool_]]:
-    """The failed vectors matched again from the two peaks of a correlation, whichever matches better.
+    """The failed vectors matched again from the two peaks of a correlation, whichever matches better, then from what
+    their neighbours say, as long as that finds some.
 
     Returns the match, its reasons and where the correlation's peak lies on the edge of its search.
     """
     coarse = predict(pairs, passes=s.passes, outlier=s.outlier, on=backend(s.backend))
-    for peak in ((coarse.u, coarse.v), (coarse.u2, coarse.v2)):
+    peaks: list[Array | None] = [
+        np.stack([at(coarse, f, grid.x, grid.y) for f in peak])
+        for peak in ((coarse.u, coarse.v), (coarse.u2, coarse.v2))
+    ]
+    for peak in [*peaks, *[None] * FROM_NEIGHBOURS]:
         again = _to_try(reason)
+        if not again.any():
+            break
         kept = _whole(np.where(np.isin(reason, code.MEASURED), m.p, np.nan), s.step)
-        start = np.where(again, np.stack([at(coarse, f, grid.x, grid.y) for f in peak]), kept)
-        trial = refine(pairs, grid, start, s.min_texture, None, False, None)
+        # where many failed, those that passed by chance would bend the surface through the others
+        if peak is not None and again.sum() > LOST * np.isin(reason, code.MATCHED).sum():
+            again = np.ones_like(again)
+        start = kept if peak is None else np.where(again, peak, kept)
+        rows = np.flatnonzero(again.any(1))
+        trial = refine(pairs, grid, start, s.min_texture, None, False, None, slice(rows[0], rows[-1] + 1))
         better = again & (trial.state == STEPPED) & ~(trial.quality <= m.quality)
         m = Match(
             np.where(better, trial.p, m.p),
@@ -326,6 +347,8 @@ def _second_try(
             np.where(better, trial.state, m.state),
         )
         reason = _judge(m, np.where(better, start, kept), s)
+        if peak is None and _to_try(reason).sum() > 0.8 * again.sum():
+            break
     return m, reason, at(coarse, coarse.at_edge.astype(np.float64), grid.x, grid.y) > 0.5
 
 
@@ -340,7 +363,8 @@ def _judge(m: Match, start: Array, s: Settings) -> NDArray[np.int8]:
     trusted = settled & (m.quality >= s.min_correlation)
     good = np.where(trusted, m.p, np.nan)
     reason = np.full(trusted.shape, code.VALID, np.int8)
-    reason[normalised_median(good[0], good[1], _slopes(good, s.step)) > s.outlier] = code.INTERPOLATED
+    certain = beyond_chance(m.quality, s.window)
+    reason[normalised_median(good[0], good[1], _slopes(good, s.step), certain) > s.outlier] = code.INTERPOLATED
     reason[settled & ~trusted] = code.LOW_CORRELATION
     reason[~settled] = code.NOT_CONVERGED
     reason[m.state == COVERED] = code.MASKED

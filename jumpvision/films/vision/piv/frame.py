@@ -54,7 +54,7 @@ def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int
 
     def noise_and_usable() -> tuple[float, NDArray[np.bool_]]:
         noise = white(image, mask)
-        return noise, usable & ~dark_body(grey, usable, noise if math.isfinite(noise) else 0.0)
+        return noise, usable & ~body(grey, usable, noise if math.isfinite(noise) else 0.0)
 
     filters: list[Callable[[], Any]] = [
         functools.partial(_filtered, padded, kernel_x, kernel_y, c[of_columns, of_rows :: len(taps)], part)
@@ -86,14 +86,18 @@ def _filtered(
     out[part] = near[part.start - top : part.stop - top]
 
 
-CELL = 4  # px, side of the blocks in which a dark body is looked for
+CELL = 4  # px, side of the blocks in which a body is looked for
+EMPTY = 0.01  # of the usual contrast (a tenth of the usual grey): less is no texture
+AT_LEAST = 6.0  # grains or particles in a square: by chance one in 400 holds none
+BY_CHANCE = 4.0  # such squares: empty regions that are larger are no chance
 
 
-def dark_body(grey: Float32, usable: NDArray[np.bool_], noise: float) -> NDArray[np.bool_]:
-    """Pixels (H, W) of a body that shows neither light nor texture where most of the picture does, and its rim.
+def body(grey: Float32, usable: NDArray[np.bool_], noise: float) -> NDArray[np.bool_]:
+    """Pixels (H, W) of a body that shows no texture where most of the picture does, and its rim.
 
-    A bar or a foot before the grains: what moves there is not what is asked for. It is 3 CELLs wide at least. noise:
-    [grey^2] variance of the picture's white noise.
+    A bar or a foot before the grains: what moves there is not what is asked for. It is 3 CELLs wide at least, or as
+    wide as a square that holds AT_LEAST particles elsewhere, and larger than chance leaves empty; one that is darker
+    than the grains may show some texture. noise: [grey^2] variance of the picture's white noise.
     """
     out = np.zeros(grey.shape, bool)
     rows, columns = (n // CELL for n in grey.shape)
@@ -102,23 +106,47 @@ def dark_body(grey: Float32, usable: NDArray[np.bool_], noise: float) -> NDArray
     cells = np.ascontiguousarray(grey[: rows * CELL : 2, : columns * CELL : 2])
     mean = cv2.resize(cells, (columns, rows), interpolation=cv2.INTER_AREA)
     square = cv2.resize(cells * cells, (columns, rows), interpolation=cv2.INTER_AREA)
-    light = cv2.blur(mean, (3, 3), borderType=cv2.BORDER_REFLECT)
-    contrast = cv2.blur(square, (3, 3), borderType=cv2.BORDER_REFLECT) - light * light
-    of_light = np.maximum(contrast - noise, 0) / np.maximum(light * light, 1e-6)
     there = usable[CELL // 2 :: CELL, CELL // 2 :: CELL][:rows, :columns]
     if not there.any():
         return out
-    usual = [float(np.median(q[there][::4])) for q in (light, contrast, of_light)]
-    # a body has little of the usual light and contrast; grains in the shade keep their contrast over their light
-    body = (light < 0.4 * usual[0]) & (contrast < 0.3**2 * usual[1]) & (of_light < 0.5**2 * usual[2]) & there
-    # bright particles on a dark ground have gaps that are no body; a picture that is mostly dark has none
-    if usual[2] > 0.5 or not body.any() or body.sum() > 0.6 * there.sum():
-        return out
-    square_of_3 = np.ones((3, 3), np.uint8)
-    whole = cv2.morphologyEx(body.astype(np.uint8), cv2.MORPH_OPEN, square_of_3)
-    rim = cv2.dilate(whole, square_of_3, iterations=2)  # the blocks about a pixel reach over it by one and a half
-    out[: rows * CELL, : columns * CELL] = np.repeat(np.repeat(rim > 0, CELL, 0), CELL, 1)
+    whole = np.zeros((rows, columns), np.uint8)
+    for side in (3, 5, 7, 9, 13):
+        light = cv2.blur(mean, (side, side), borderType=cv2.BORDER_REFLECT)
+        contrast = cv2.blur(square, (side, side), borderType=cv2.BORDER_REFLECT) - light * light - noise
+        of_light = np.maximum(contrast, 0) / np.maximum(light * light, 1e-6)
+        usual = [float(np.median(q[there][::4])) for q in (light, contrast, of_light)]
+        if side == 3:
+            # a body has little of the usual light and contrast; grains in the shade keep theirs over their light
+            dark = (
+                (light < 0.4 * usual[0])
+                & (contrast + noise < 0.3**2 * (usual[1] + noise))
+                & (of_light < 0.5**2 * usual[2])
+            )
+            # bright particles on a dark ground have gaps that are no body; a picture that is mostly dark has none
+            if usual[2] <= 0.5 and not (dark & there).sum() > 0.6 * there.sum():
+                whole |= cv2.dilate(
+                    cv2.morphologyEx((dark & there).astype(np.uint8), cv2.MORPH_OPEN, _square(3)), _square(5)
+                )
+        lower, upper = np.quantile(contrast[there][::4], (0.25, 0.75))
+        by_chance = max(upper - usual[1], usual[1] - lower)  # 0.674 standard deviations, which are mean / sqrt(number)
+        if usual[1] > 0 and (0.674 * usual[1]) ** 2 > AT_LEAST * by_chance**2:
+            empty = (contrast < EMPTY * usual[1]) & (of_light < EMPTY * usual[2]) & there
+            if not empty.any():
+                break
+            from skimage.measure import label  # here: its import takes a quarter of a second
+
+            regions = label(cv2.dilate(empty.astype(np.uint8), _square(side)))
+            large = np.flatnonzero(np.bincount(regions.ravel())[1:] > BY_CHANCE * side**2) + 1
+            empty &= np.isin(regions, large)
+            if empty.sum() <= 0.6 * there.sum():
+                whole |= cv2.dilate(empty.astype(np.uint8), _square(side + 2))
+            break
+    out[: rows * CELL, : columns * CELL] = np.repeat(np.repeat(whole > 0, CELL, 0), CELL, 1)
     return out
+
+
+def _square(side: int) -> NDArray[np.uint8]:
+    return np.ones((side, side), np.uint8)
 
 
 @functools.cache

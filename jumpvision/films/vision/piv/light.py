@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Image
+from jumpvision.base.schema import StageWarning
 from jumpvision.films.frames.base import Frames
 from jumpvision.films.parameters import PivParams
 
@@ -30,16 +32,36 @@ def light_of(frames: Frames, stride: int, p: PivParams) -> Light:
     return Light(tuple(common(frames, p.background, k, stride) for k in range(stride)) if wanted else (), p.clahe)
 
 
+SPARSE = 1.5  # times further from one extreme than from the other the mean lies, where particles leave the ground free
+FEW = 32  # frames; of fewer each leaves so much of its particles in the mean that vectors suffer
+
+
 def common(frames: Frames, how: str, first: int, stride: int) -> NDArray[np.float32]:
-    """Minimum or mean (H, W) of 64 frames or fewer, evenly from `first` on, `stride` apart, one at a time."""
+    """Minimum or mean (H, W) of 64 frames or fewer, evenly from `first` on, `stride` apart.
+
+    Of sparse particles the mean of FEW frames is their median. Of dark ones on a bright ground the minimum is the
+    maximum, which is told.
+    """
     every = np.arange(first, len(frames), stride)
     if every.size < 3:
         raise ValueError(f'[params.piv] background = "{how}": needs 3 frames or pairs, found {every.size}; take "none"')
     shown = every[np.unique(np.linspace(0, every.size - 1, min(every.size, 64)).round().astype(int))]
-    out = frames[int(shown[0])].astype(np.float32)
+    total = frames[int(shown[0])].astype(np.float32)
+    low, high = total.copy(), total.copy()
     for i in shown[1:]:
-        out = np.minimum(out, frames[int(i)]) if how == "minimum" else out + frames[int(i)]
-    return np.asarray(out if how == "minimum" else out / shown.size, np.float32)
+        frame = frames[int(i)]
+        low, high, total = np.minimum(low, frame), np.maximum(high, frame), total + frame
+    mean = np.asarray(total / np.float32(shown.size), np.float32)
+    below, above = float(np.nanmean(mean - low)), float(np.nanmean(high - mean))
+    if how == "mean":
+        if shown.size < FEW and max(below, above) > SPARSE * min(below, above):
+            return np.asarray(np.median([frames[int(i)] for i in shown], axis=0), np.float32)
+        return mean
+    if below <= SPARSE * above:
+        return np.asarray(low, np.float32)
+    said = 'background = "minimum": the particles are darker than the ground, so what is subtracted is the maximum'
+    warnings.warn(StageWarning("light", said), stacklevel=2)
+    return np.asarray(high, np.float32)
 
 
 def equalised(image: Image, tile: int) -> NDArray[np.float32]:

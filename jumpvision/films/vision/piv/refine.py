@@ -32,8 +32,8 @@ from .frame import Frame, taper
 from .moments import FIRST, OF_PICTURES, OF_PLANES, gradient, moments, moments_of
 from .scatter import AROUND, scatter, within
 from .solve import STEPPED, covariances, steps
-from .surface import along_x, along_y, at_vectors, axis, lightly_smoothed, pixel_spline
-from .validate import LAG
+from .surface import at_vectors, axis, lightly_smoothed, of_columns, of_rows, pixel_spline
+from .validate import LAG, beyond_chance
 
 BAND = 4_000_000  # px of a frame that are worked on at a time: some 80 bytes each
 STENCIL = 2  # px on either side of a gradient
@@ -92,7 +92,9 @@ def refine(
     shape = pairs[0][0].weight.shape
     ny, nx = start.shape[1:]
     pad = pairs[0][0].pad
-    rows, columns = (axis(n, q[0] + pad, grid.step, len(q), grid.stiffness) for n, q in zip(shape, (grid.y, grid.x)))
+    rows, columns = (
+        axis(n, q[0] + pad, grid.step, len(q), grid.stiffness, grid.window) for n, q in zip(shape, (grid.y, grid.x))
+    )
     start, found = lightly_smoothed(rows, columns, start, matched)
     jump = None if foreign is None else found
     g = taper(grid.window)
@@ -119,7 +121,7 @@ def refine(
     steps(ny * nx, sums, len(pairs) * float(g.sum()) ** 2, texture, step, quality, rest, state)
 
     change = step.T.reshape(8, ny, nx)
-    (ux, vx), (uy, vy) = along_x(columns.slope, start), along_y(rows.slope, start)
+    (ux, vx), (uy, vy) = of_rows(columns.slope, columns, start), of_columns(rows.slope, rows, start)
     smooth = np.stack([*at_vectors(rows, columns, start, jump), ux, uy, vx, vy])
     p = smooth + change[ALONG]
     sigma, finer, clumping = None, None, np.nan
@@ -144,7 +146,7 @@ def refine(
             finer[:, band.first : band.end] = within(of_pixels, grid.window, (halves[0], halves[1]), rounding)
             there = slice(band.first * nx, band.end * nx)
             of_windows = (sums[there], noise.reshape(-1, 18), spread.reshape(-1, 18))
-            covariances(count * nx, *of_windows, least, sigma[there])
+            covariances(count * nx, *of_windows, beyond_chance(quality[there], grid.window), least, sigma[there])
         # every other row; in one sum, so that bands do not change its last bit
         mean, clumped = 2 * np.concatenate(textures, axis=1).sum(1) / (shape[0] * shape[1])
         clumping = float(clumped / max(mean**2, 1e-12))

@@ -134,12 +134,13 @@ def normal(s, h):  # type: ignore[no-untyped-def]
 
 
 @shared()
-def covariances(first, last, sums, noise, scatter, least, sigma):  # type: ignore[no-untyped-def]
+def covariances(first, last, sums, noise, scatter, certain, least, sigma):  # type: ignore[no-untyped-def]
     """Standard uncertainties (n, 6) d_x, u_x, u_y, d_y, v_x, v_y: H^-1 Z H^-1, Z the covariance of sum w J r.
 
     scatter, noise: (n, 18) sums of z_x z_x, z_x z_y, z_y z_y, and of the same of grad r, up to second order. H is made
     of the products of the gradients of the two frames, which the noise does not inflate: grad a grad b =
-    grad m grad m - grad r grad r / 4. Z is at least `least` H. NaN where the noise hides the texture.
+    grad m grad m - grad r grad r / 4. Z is at least `least` H. Where the noise hides the texture: NaN, or, of `certain`
+    matches (n,), whose residuals are of the flow, as the mean of both frames has it.
     """
     h, low, root = np.empty((N, N)), np.zeros((N, N)), np.zeros((N, N))
     t, z = np.empty((6, 6)), np.empty((6, 6))
@@ -150,8 +151,12 @@ def covariances(first, last, sums, noise, scatter, least, sigma):  # type: ignor
         _block(h, noise[k], 6, 0, 1, -0.25)
         _block(h, noise[k], 12, 1, 1, -0.25)
         if not _factor(h, low):
-            sigma[k] = np.nan
-            continue
+            if not certain[k]:
+                sigma[k] = np.nan
+                continue
+            h[:] = 0.0
+            normal(sums[k], h)
+            _factor(h, low)
         _inverse(low, root, t)
         z[:] = 0.0
         _block(z, scatter[k], 0, 0, 0, 1.0)

@@ -17,14 +17,15 @@ from jumpvision.films.calibration import JUMP_CALM, JUMP_OF_FIELD, STEP_OF_FIELD
 
 
 class Axis(NamedTuple):
-    """Along one axis of the picture; the matrices act on the vectors' values."""
+    """Along one axis of the picture; the matrices act on the vectors' values and their two bends, see `with_bends`."""
 
-    coefficients: Array  # (knots, vectors) of the cubic B-spline through the vectors
-    smooth: Array  # (vectors, vectors) the smoothed values, see `smoother`
-    slope: Array  # (vectors, vectors) d/dpx of the spline at the vectors
+    coefficients: Array  # (knots, vectors + 2) of the cubic B-spline through the vectors
+    smooth: Array  # (vectors, vectors + 2) the smoothed values, see `smoother`
+    slope: Array  # (vectors, vectors + 2) d/dpx of the spline at the vectors
     knot: NDArray[np.int64]  # (pixels,) first of the four knots that a pixel hears
     weight: Float32  # (pixels, 4) their weights
     before: int  # knots before that of the first vector
+    reach: int  # vectors, see `with_bends`
 
     def pixels(self, first: int, end: int) -> Axis:
         """The same for some of the pixels."""
@@ -43,28 +44,66 @@ def smoother(vectors: int, stiffness: float, order: int = 2) -> Array:
 
 
 @functools.lru_cache(maxsize=16)
-def axis(pixels: int, first: float, step: int, vectors: int, stiffness: float) -> Axis:
-    """Cubic spline through vectors at first + step * k [px], continued straight beyond the outer ones."""
+def axis(pixels: int, first: float, step: int, vectors: int, stiffness: float, window: int) -> Axis:
+    """Cubic spline through vectors at first + step * k [px], beyond the outer ones a parabola by their slope and
+    bend."""
     before = math.ceil(first / step) + 2
     after = math.ceil((pixels - 1 - first) / step) - (vectors - 1) + 2
     k = np.arange(-before, vectors + after)
+    beyond = np.maximum(-k, 0), np.maximum(k - vectors + 1, 0)
     straight = np.eye(vectors)[np.clip(k, 0, vectors - 1)]
     if vectors > 1:
         rise = np.eye(vectors)[[1, -1]] - np.eye(vectors)[[0, -2]]
-        straight += np.minimum(k, 0)[:, None] * rise[0] + np.maximum(k - vectors + 1, 0)[:, None] * rise[1]
+        straight -= beyond[0][:, None] * rise[0] - beyond[1][:, None] * rise[1]
     n = len(k)
     samples = (np.eye(n, k=-1) + 4 * np.eye(n) + np.eye(n, k=1)) / 6
-    samples[0, :3] = samples[-1, -3:] = 1, -2, 1  # straight at both ends of the knots
-    bend = straight.copy()
-    bend[0] = bend[-1] = 0
-    exact = np.linalg.solve(samples, bend).astype(np.float64)
+    samples[0, :3] = samples[-1, -3:] = 1, -2, 1  # the bend at both ends of the knots
+    values = np.column_stack([straight, *(0.5 * q * (q + 1) for q in beyond)])
+    values[[0, -1]] = np.eye(vectors + 2)[vectors:]
+    exact = np.linalg.solve(samples, values).astype(np.float64)
     exact[np.abs(exact) < 1e-13] = 0  # what the spline has of a vector beyond some twenty others
     slope = (exact[before + 1 : before + vectors + 1] - exact[before - 1 : before + vectors - 1]) / (2 * step)
     q = (np.arange(pixels) - first) / step + before
     knot = np.floor(q).astype(np.int64)
     t = q - knot
     weight = np.stack([(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, 1 + 3 * t + 3 * t**2 - 3 * t**3, t**3], axis=1) / 6
-    return Axis(exact, smoother(vectors, stiffness), slope, knot - 1, weight.astype(np.float32), before)
+    reach = max(1, round(window / step))
+    return Axis(exact, _smooth(vectors, stiffness), slope, knot - 1, weight.astype(np.float32), before, reach)
+
+
+def _smooth(vectors: int, stiffness: float) -> Array:
+    """`smoother` with what it takes from parabolas of bend 1 at either end given back."""
+    s = smoother(vectors, stiffness)
+    k = np.arange(vectors)
+    taken = 0.5 * k**2 - s @ (0.5 * k**2)
+    near = np.clip((vectors - 1) / 2 - k + 0.5, 0, 1)  # each end answers for its half
+    return np.column_stack([s, near * taken, (near * taken)[::-1]])
+
+
+def with_bends(f: Array, reach: int) -> Array:
+    """Fields (n, ny, nx) with two rows more: their second difference a vector at the first row and at the last.
+
+    By vectors `reach` apart and by half of that: the lesser, none where they differ in sign, so a step near the border
+    bends nothing.
+    """
+    far = min(reach, (f.shape[1] - 1) // 2)
+    if far < 1:
+        return np.concatenate([f, np.zeros((len(f), 2, f.shape[2]))], axis=1)
+    bends = []
+    for g in (f, f[:, ::-1]):
+        p, q = ((g[:, 0] - 2 * g[:, n] + g[:, 2 * n]) / n**2 for n in (far, max(1, far // 2)))
+        bends.append(np.where(p * q > 0, np.sign(p) * np.minimum(np.abs(p), np.abs(q)), 0))
+    return np.concatenate([f, np.stack(bends, axis=1)], axis=1)
+
+
+def of_columns(matrix: Array, of: Axis, f: Array) -> Array:
+    """One of the axis' matrices along y of fields (n, ny, nx)."""
+    return along_y(matrix, with_bends(f, of.reach))
+
+
+def of_rows(matrix: Array, of: Axis, f: Array) -> Array:
+    """The same along x."""
+    return np.ascontiguousarray(of_columns(matrix, of, f.swapaxes(1, 2)).swapaxes(1, 2))
 
 
 def lightly_smoothed(
@@ -76,7 +115,7 @@ def lightly_smoothed(
     three vectors on either side. Where not `matched` (ny, nx), and everywhere if it is None, the surface counts.
     Also where the field jumps, see `knots`: (ny, nx) from 0 to 1, or None: nowhere.
     """
-    surface = along_both(rows.smooth, columns.smooth, f)
+    surface = of_rows(columns.smooth, columns, of_columns(rows.smooth, rows, f))
     if matched is None:
         return surface, None
     e = f - surface
@@ -101,7 +140,7 @@ def knots(rows: Axis, columns: Axis, f: Array, jump: NDArray[np.float64] | None)
     The spline through a step rings by a tenth of it beside it, and the windows there would have to answer for that;
     with the vectors as coefficients it runs between them.
     """
-    c = along_both(rows.coefficients, columns.coefficients, f)
+    c = of_rows(columns.coefficients, columns, of_columns(rows.coefficients, rows, f))
     if jump is None:
         return c
     border = [(q.before, n - m - q.before) for q, n, m in zip((rows, columns), c.shape[1:], f.shape[1:])]

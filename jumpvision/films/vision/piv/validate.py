@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import FROM_MAD, Array
 from jumpvision.base.threads import shared
-from jumpvision.films.calibration import FINER_MOTION, FINER_NOISE, LEAST_FREEDOM, SHORT_WAVES, SHORTEST_WAVES
+from jumpvision.films.calibration import (
+    CHANCE_MATCH,
+    FINER_MOTION,
+    FINER_NOISE,
+    SHORT_WAVES,
+    SHORTEST_WAVES,
+)
 
 from .frame import taper
 
@@ -21,19 +27,24 @@ MIN_NEIGHBOURS = 3
 
 
 def normalised_median(
-    u: Array, v: Array, slopes: tuple[tuple[Array, Array], tuple[Array, Array]] | None = None
+    u: Array,
+    v: Array,
+    slopes: tuple[tuple[Array, Array], tuple[Array, Array]] | None = None,
+    certain: NDArray[np.bool_] | None = None,
 ) -> Array:
     """Residual of each vector against the median of its 8 neighbours, over their own scatter.
 
     u, v: (ny, nx) [px], NaN = no vector. slopes: change of u and of v per grid step (along x, along y), (ny, nx) each:
-    every neighbour then speaks for the place of the vector instead of its own, so that a sheared flow along a wall or a
-    mask is no disagreement. Without slopes the grid is continued linearly beyond its border.
+    every neighbour then speaks for the place of the vector instead of its own, by the mean of both slopes, so that a
+    sheared or curved flow is no disagreement, nor along a wall. Without slopes the grid is continued linearly beyond
+    its border. certain: (ny, nx) where the vector's own slopes are no chance: what slopes change on the way to its
+    neighbours then counts as scatter, as a flow that bends within a step bends from there on.
     Above about 2 is an outlier. NaN with fewer than 3 neighbours or no vector. Westerweel & Scarano 2005,
     doi:10.1007/s00348-005-0016-6, eq. (2), both components together.
     """
     total = np.zeros(u.shape)
     for f, slope in zip((u, v), slopes or (None, None)):
-        middle, scatter = _medians(*_bordered(f, 1, slope), 1, ~np.isnan(f))
+        middle, scatter = _medians(*_bordered(f, 1, slope), 1, ~np.isnan(f), certain)
         # 0.1 px of disagreement is never an outlier by itself (Westerweel & Scarano 2005)
         total += ((f - middle) / (scatter + 0.1)) ** 2
     return np.sqrt(total)
@@ -44,16 +55,23 @@ def local_median(
 ) -> tuple[Array, Array]:
     """Median of the neighbours (3 x 3, else 5 x 5) and their robust scatter; NaN with fewer than 3 of them.
 
-    slope as in `normalised_median`. wanted: (ny, nx) where they are asked for, None: everywhere; NaN elsewhere.
+    slope as in `normalised_median`; where the place has none, the median of the neighbours' stands for it. What slopes
+    change on the way counts as scatter. wanted: (ny, nx) where they are asked for, None: everywhere; NaN elsewhere.
     """
     if wanted is None:
         wanted = np.ones(f.shape, bool)
-    middle, scatter = _medians(*_bordered(f, 1, slope), 1, wanted)
+    middle, scatter = _medians(*_bordered(f, 1, slope), 1, wanted, wanted)
     lonely = wanted & np.isnan(middle)
     if lonely.any():
-        far = _medians(*_bordered(f, 2, slope), 2, lonely)
+        far = _medians(*_bordered(f, 2, slope), 2, lonely, lonely)
         middle, scatter = (np.where(lonely, w, n) for n, w in zip((middle, scatter), far))
     return middle, FROM_MAD * scatter
+
+
+def beyond_chance(correlation: Array, window: int) -> NDArray[np.bool_]:
+    """Where a match is too good to be one of pictures that have nothing in common."""
+    at_16, most = CHANCE_MATCH.value
+    return np.asarray(correlation > 1 - min(at_16 * (window / 16) ** 3, most))
 
 
 def _bordered(f: Array, reach: int, slope: tuple[Array, Array] | None) -> tuple[Array, Array, Array]:
@@ -65,27 +83,43 @@ def _bordered(f: Array, reach: int, slope: tuple[Array, Array] | None) -> tuple[
     return p, px, py
 
 
-def _medians(p: Array, px: Array, py: Array, reach: int, wanted: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Median of the neighbours within `reach` and of their distances from it, of a bordered field, where `wanted`."""
+def _medians(
+    p: Array, px: Array, py: Array, reach: int, wanted: NDArray[np.bool_], bent: NDArray[np.bool_] | None
+) -> tuple[Array, Array]:
+    """Median of the neighbours within `reach` and of their distances from it, of a bordered field, where `wanted`;
+    where `bent`, with what the slopes change on the way."""
     middle, scatter = np.full(wanted.shape, np.nan), np.full(wanted.shape, np.nan)
-    _fill_medians(len(middle), p, px, py, reach, wanted, middle, scatter)
+    bent = np.zeros(wanted.shape, bool) if bent is None else bent
+    _fill_medians(len(middle), p, px, py, reach, wanted, bent, middle, scatter)
     return middle, scatter
 
 
 @shared()
-def _fill_medians(first, last, p, px, py, reach, wanted, middle, scatter):  # type: ignore[no-untyped-def]
-    near = np.empty((2 * reach + 1) ** 2 - 1)
+def _fill_medians(first, last, p, px, py, reach, wanted, bent, middle, scatter):  # type: ignore[no-untyped-def]
+    most = (2 * reach + 1) ** 2 - 1
+    near, of_x, of_y, bend = np.empty(most), np.empty(most), np.empty(most), np.empty(most)
     for j in range(first, last):
         for i in range(middle.shape[1]):
             if not wanted[j, i]:
                 continue
+            x0, y0 = px[j + reach, i + reach], py[j + reach, i + reach]
+            if not (math.isfinite(x0) and math.isfinite(y0)):
+                n = 0
+                for y in range(j, j + 2 * reach + 1):
+                    for x in range(i, i + 2 * reach + 1):
+                        if math.isfinite(p[y, x] + px[y, x] + py[y, x]):
+                            of_x[n], of_y[n] = px[y, x], py[y, x]
+                            n += 1
+                if n > 0:
+                    x0, y0 = _median(of_x, n), _median(of_y, n)
             n = 0
             for dj in range(-reach, reach + 1):
                 for di in range(-reach, reach + 1):
                     y, x = j + reach + dj, i + reach + di
-                    value = p[y, x] - di * px[y, x] - dj * py[y, x]
+                    value = p[y, x] - 0.5 * (di * (px[y, x] + x0) + dj * (py[y, x] + y0))
                     if (dj != 0 or di != 0) and math.isfinite(value):
                         near[n] = value
+                        bend[n] = 0.5 * abs(di * (px[y, x] - x0) + dj * (py[y, x] - y0))
                         n += 1
             if n >= MIN_NEIGHBOURS:
                 m = _median(near, n)
@@ -93,6 +127,8 @@ def _fill_medians(first, last, p, px, py, reach, wanted, middle, scatter):  # ty
                 for k in range(n):
                     near[k] = abs(near[k] - m)
                 scatter[j, i] = _median(near, n)
+                if bent[j, i]:
+                    scatter[j, i] += _median(bend, n)
 
 
 # comparisons that bring the middle two of eight values there: a sorting network less those that order the others
@@ -126,11 +162,16 @@ def factors(window: int, step: int, stiffness: float, times: int, clumping: floa
     """Factors from the covariance of one window's single step to the standard uncertainty of d and of its gradient.
 
     clumping: mean of e times its box mean over mean(e)^2, e the squared gradient of the texture: where few pixels hold
-    most of it, the fit takes more of their noise.
+    most of it, the fit takes more of their noise, but never all.
     """
-    shift, slope, taken = _gains(window, step, stiffness, times)
-    left = max(1 - clumping * taken, LEAST_FREEDOM.value)
+    shift, slope, _ = _gains(window, step, stiffness, times)
+    left = 1 / (1 + fitted(window, step, stiffness, times, clumping))
     return float(np.sqrt(shift / left)), float(np.sqrt(slope / left))
+
+
+def fitted(window: int, step: int, stiffness: float, times: int, clumping: float) -> float:
+    """Noise that the fit takes out of the residuals, over what it leaves there; clumping as of `factors`."""
+    return clumping * _gains(window, step, stiffness, times)[2]
 
 
 @functools.lru_cache(maxsize=16)
