@@ -18,7 +18,7 @@ from .appearance.flight import in_flight, is_shadow
 from .appearance.template import track_template
 from .background import LEAST_VIEWS, SceneSum, View, Window
 from .measure import AS_THEY_ARE, Block, Found, window_half
-from .moving import MOST_FRAMES, AtHand
+from .moving import AtHand, still_scene
 from .reasons import Flag, Reason
 from .refine import refined
 from .track import BallSettings, BallTrack, BallTracker, as_track
@@ -139,9 +139,9 @@ class FilmTracker:
         if len(first) == 1:
             sure = validated(first[0], frames, self.settings)
             dark = self.settings.polarity == "dark"
-            unsure = self.settings.seed is None and self.still and len(frames) <= MOST_FRAMES
-            if unsure and (is_still(sure) or (dark and is_shadow(sure, frames))):
-                flying = in_flight(frames, self.settings.diameter, None)
+            unsure = self.settings.seed is None and self.still
+            if unsure and (is_still(sure) or (dark and is_shadow(sure, frames, still_scene(frames)))):
+                flying = in_flight(frames, still_scene(frames), self.settings.diameter, None)
                 if flying is not None:
                     return [replace(flying, notes=(FLYING,))]
             if sure is not first[0]:
