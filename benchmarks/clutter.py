@@ -187,6 +187,7 @@ def _film(family: str, rng: np.random.Generator, frames: int | None) -> Film:
     held = int(rng.integers(0, 4)) if family in ("toss", "toy") and rng.random() < 0.5 else 0
     turn, spin = rng.uniform(0, 6), rng.uniform(0.1, 0.6) * rng.choice([-1, 1])
     tones = rng.permutation([0.35, 0.65, 1.0]) * (ball - 10) + 10
+    n = frames or {"nine": 60, "fast": 40}.get(family, n)
     others = np.zeros((0, n, 2))
     if family == "pendulum":
         length, amplitude, period = rng.uniform(0.5, 0.8) * h, rng.uniform(0.3, 0.9), rng.uniform(25, 70)
@@ -199,12 +200,10 @@ def _film(family: str, rng: np.random.Generator, frames: int | None) -> Film:
         at = np.stack([w / 2 + length * np.sin(swing), 0.1 * h + length * np.cos(swing)], axis=1)
         spin = 0.0
     elif family == "nine":
-        n = frames or 60
         all_at = boxed(rng, shape, n, rng.uniform(0.2, 1.2) * d, d, 9)
         at, others = all_at[0], all_at[1:]
         greys = rng.uniform(100, 160, 9)
     elif family == "fast":
-        n = frames or 40
         at = boxed(rng, shape, n, rng.uniform(3, 7) * d, d)[0]
     else:
         at = thrown(rng, shape, n, speed, held)

@@ -18,8 +18,9 @@ from .appearance.flight import in_flight, is_shadow
 from .appearance.template import track_template
 from .background import LEAST_VIEWS, SceneSum, View, Window
 from .measure import AS_THEY_ARE, Block, Found, window_half
-from .moving import AtHand, still_scene
+from .moving import MOST_FRAMES, AtHand, still_scene
 from .reasons import Flag, Reason
+from .pieces import in_pieces
 from .refine import refined
 from .track import BallSettings, BallTrack, BallTracker, as_track
 from .unknowns import WX, WY, A
@@ -123,6 +124,9 @@ class FilmTracker:
 
     def finish(self, frames: Frames) -> list[BallTrack]:
         """The tracks, the first ball's first. frames: the same film, for what was not kept of it."""
+        return [in_pieces(t, s.seed is not None) for t, s in zip(self._tracks(frames), self._settings, strict=True)]
+
+    def _tracks(self, frames: Frames) -> list[BallTrack]:
         if self.settings.method == "template":
             return [track_template(frames, s) for s in self._settings]
         kept = AtHand(frames, self._samples.all, [w[0] for w in self._windows])
@@ -250,5 +254,7 @@ def _stride(i: int) -> int:
 
 
 def _better(first: BallTrack, again: BallTrack) -> bool:
-    lost = np.count_nonzero(again.flag != "") > np.count_nonzero(first.flag != "")
-    return not (lost or np.nanmedian(again.sigma) > np.nanmedian(first.sigma))
+    """Whether a second track loses no more of the first frames, and is no less certain there."""
+    look = slice(0, MOST_FRAMES)
+    lost = np.count_nonzero(again.flag[look] != "") > np.count_nonzero(first.flag[look] != "")
+    return not (lost or np.nanmedian(again.sigma[look]) > np.nanmedian(first.sigma[look]))

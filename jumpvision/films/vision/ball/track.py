@@ -17,10 +17,12 @@ from .background import Background, View
 from .measure import AS_THEY_ARE, Block, DiscMeasure, Found, Start, ThresholdMeasure, span
 from .reasons import COVERED, GOOD, Flag, Reason
 from .search import Blob, find_blobs
-from .unknowns import WX, WY
+from .unknowns import WX, WY, A, B
 
 POLARITIES = ("bright", "dark")
 LEAVES = 2.0  # steps before the border from which a ball that is lost has left the image
+OTHER_GREY, SCATTER = 0.15, 6.0  # of the contrast; mean distances: a thing found again is another
+UNKNOWN = 4.0  # diameters a frame: half of what a ball, seen once, may fly
 METHODS = ("disc", "threshold", "template")
 
 
@@ -31,6 +33,7 @@ class BallTrack:
     x, y, sigma, diameter, chi2: (n,) [px; chi2 per degree of freedom, NaN for the threshold method].
     sigma: standard uncertainty of each coordinate, the larger of the two where they differ (along a streak).
     flag: (n,) of str, "" when good, else the reason; the numbers are NaN then. notes: what a user should know of it.
+    grey, contrast: (n,) of the ball, and against what is behind it [grey]; None where no disc was fitted.
     """
 
     x: NDArray[np.float64]
@@ -40,6 +43,8 @@ class BallTrack:
     chi2: NDArray[np.float64]
     flag: NDArray[np.str_]
     notes: tuple[str, ...] = ()
+    grey: NDArray[np.float64] | None = None
+    contrast: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True)
@@ -86,7 +91,11 @@ def as_track(found: Sequence[Found]) -> BallTrack:
     good = [f if not f.flag else Found(f.flag) for f in found]
     numbers = np.array([(f.x, f.y, f.sigma, f.diameter, f.chi2) for f in good], dtype=np.float64).reshape(-1, 5)
     x, y, sigma, size, chi2 = numbers.T.copy()
-    return BallTrack(x, y, sigma, size, chi2, np.array([str(f.flag) for f in good], dtype=np.str_))
+    flag = np.array([str(f.flag) for f in good], dtype=np.str_)
+    if not any(f.p is not None for f in good):
+        return BallTrack(x, y, sigma, size, chi2, flag)
+    levels = np.array([(f.p[A], f.p[A] - f.p[B]) if f.p is not None else (np.nan, np.nan) for f in good])
+    return BallTrack(x, y, sigma, size, chi2, flag, grey=levels[:, 0], contrast=levels[:, 1])
 
 
 class BallTracker:
@@ -105,6 +114,8 @@ class BallTracker:
         self.last: tuple[float, float] | None = None
         self.velocity: tuple[float, float] | None = None  # px a frame
         self.lost = 0  # frames since the last good one
+        self.grey = (math.nan, 0.0)  # running mean of the ball's grey, and of its distance from that
+        self.fastest = 0.0  # px a frame, so far
         self.rivals: list[tuple[float, float]] = []
         self.trust = False  # hints are right also after frames without the ball
 
@@ -118,7 +129,7 @@ class BallTracker:
             return []
         found = self.measurer.follow(block, first, shape, scene, self.search)
         for f in found:
-            self._at(f.x, f.y)
+            self._at(f)
         return found
 
     def next(self, image: Image) -> Found | None:
@@ -204,8 +215,13 @@ class BallTracker:
     def _again(self, view: View, predicted: Start, flag: Flag, others: Sequence[tuple[float, float]]) -> Found:
         """Search around the prediction in a window that grows with every lost frame, to the whole image in the end."""
         x, y, d = predicted.x, predicted.y, predicted.d
-        reach = self.search * d * (self.lost + 1)
-        whole = self.lost > 0  # the first miss looks in the window only: most end there
+        n = self.lost + 1
+        reach = self.search * d * n
+        # a ball that bounces goes anywhere within its way; of one seen once, nobody knows how fast it is
+        far = reach + 2.0 * n * (self.fastest if self.velocity else UNKNOWN * d)
+        outside = not (0 <= x < view.shape[1] and 0 <= y < view.shape[0])
+        # the first miss of a slow ball looks in the window only: most end there
+        whole = self.lost > 0 or outside or far > 2.0 * reach
         x0 = y0 = 0
         if whole:
             part = view.everything()
@@ -227,10 +243,18 @@ class BallTracker:
                 found.append(f)
             elif f.flag.reason in COVERED:
                 covered.append((math.hypot(f.x - x, f.y - y), f.flag))
-        ours = self._not_rivals(_distinct(found), predicted, reach)
-        ours = [f for f in ours if not _nearer(f, others, (x, y))]
+        free = self._not_rivals(_distinct(found), predicted, reach, far)
+        free = [f for f in free if not _nearer(f, others, (x, y))]
+        ours = [f for f in free if self._like(f)]
+        if strange := [f for f in free if f not in ours]:
+            grey = self.grey[0]
+            flag = Flag(Reason.OTHER_GREY, (float(strange[0].p[A]) if strange[0].p is not None else grey, grey))
+        near = [f for f in ours if math.hypot(f.x - x, f.y - y) <= reach]
+        if not near and len(ours) > 1:
+            return Found(Flag(Reason.ALIKE, (len(ours),)))
+        ours = near or ours
         if not ours:
-            return Found(Flag(Reason.LEFT) if self._left(view.shape, x, y) else flag)
+            return Found(Flag(Reason.LEFT) if not strange and self._left(view.shape, x, y) else flag)
         away = [math.hypot(f.x - x, f.y - y) for f in ours]
         nearest = min(covered, key=lambda c: c[0], default=(math.inf, GOOD))
         if nearest[0] < min(away[0] - 0.25 * d, 0.75 * d):
@@ -239,6 +263,13 @@ class BallTracker:
         if len(ours) > 1 and away[1] < away[0] + 0.5 * d * self.lost:
             return Found(Flag(Reason.ALIKE, (len(ours),)))
         return ours[0]
+
+    def _like(self, found: Found) -> bool:
+        """Whether what was found again has the ball's grey, as far as that was steady."""
+        if found.p is None or not math.isfinite(self.grey[0]):
+            return True
+        most = max(OTHER_GREY * abs(float(found.p[A] - found.p[B])), SCATTER * self.grey[1])
+        return abs(float(found.p[A]) - self.grey[0]) < most * (1.0 + self.lost / 5.0)  # light changes on the way
 
     def _left(self, shape: tuple[int, int], x: float, y: float) -> bool:
         """Whether the ball, expected at (x, y), is beyond the border, and was LEAVES steps from it or less."""
@@ -249,9 +280,11 @@ class BallTracker:
         next_x, next_y = self.last[0] + LEAVES * speed[0], self.last[1] + LEAVES * speed[1]
         return not (self.d < next_x < shape[1] - 1 - self.d and self.d < next_y < shape[0] - 1 - self.d)
 
-    def _not_rivals(self, found: list[Found], predicted: Start, reach: float) -> list[Found]:
-        """Balls within reach of the prediction, nearest first, less those that a rival of the frame before explains."""
-        x, y = predicted.x, predicted.y
+    def _not_rivals(self, found: list[Found], predicted: Start, reach: float, far: float) -> list[Found]:
+        """Balls within reach of the prediction or not too far from the last place, nearest to the prediction first,
+        less those that a rival of the frame before explains."""
+        assert self.last is not None
+        (x, y), (last_x, last_y) = predicted[:2], self.last
         free = sorted(found, key=lambda f: math.hypot(f.x - x, f.y - y))
         rivals: list[tuple[float, float]] = []
         for rx, ry in self.rivals:
@@ -259,8 +292,9 @@ class BallTracker:
             if near is not None and math.hypot(near.x - rx, near.y - ry) < min(self.search, 1.0) * predicted.d:
                 free.remove(near)
                 rivals.append((near.x, near.y))
-        self.rivals = rivals + [(f.x, f.y) for f in free if math.hypot(f.x - x, f.y - y) > reach]
-        return [f for f in free if math.hypot(f.x - x, f.y - y) <= reach]
+        within = [f for f in free if min(math.hypot(f.x - x, f.y - y) / reach, math.hypot(f.x - last_x, f.y - last_y) / far) <= 1]
+        self.rivals = rivals + [(f.x, f.y) for f in free if f not in within]
+        return within
 
     def _blobs(self, image: NDArray[np.generic]) -> list[Blob]:
         return find_blobs(
@@ -271,13 +305,21 @@ class BallTracker:
         if self.last is None:
             self.rivals = list(found.rivals)
         self.measurer.accept(found)
-        self._at(found.x, found.y)
+        self._at(found)
         return found
 
-    def _at(self, x: float, y: float) -> None:
+    def _at(self, found: Found) -> None:
+        x, y = found.x, found.y
+        if found.p is not None:
+            grey, (mean, off) = float(found.p[A]), self.grey
+            # steady over ten frames
+            self.grey = (mean + 0.1 * (grey - mean), off + 0.1 * (abs(grey - mean) - off)) if mean == mean else (grey, 0.0)
         if self.last is not None:
             n = self.lost + 1
-            self.velocity = ((x - self.last[0]) / n, (y - self.last[1]) / n)
+            vx, vy = (x - self.last[0]) / n, (y - self.last[1]) / n
+            if self.velocity is None or not self.lost:
+                self.fastest = max(self.fastest, math.hypot(vx, vy))
+            self.velocity = vx, vy
         self.last, self.lost, self.d = (x, y), 0, self.measurer.mean_diameter
 
     def _miss(self, found: Found) -> Found:
