@@ -20,7 +20,7 @@ from .track import BallTrack
 Ints = NDArray[np.int64]
 SHORT, DRIFT = 15, 5.0  # rows, px: a piece that is no longer and drifts less stands
 SAME = 0.5  # diameters: found again where it was lost
-OTHER_GREY, OTHER_SIZE, SCATTER = 0.15, 0.08, 5.0  # of contrast, of the diameter; standard deviations
+OTHER_GREY, OTHER_SIZE, SCATTER = 0.05, 0.08, 6.0  # of contrast, of the diameter; standard deviations
 ALONE = "doubt: no neighbour within reach"
 STANDS = "doubt: {} rows that stand still, out of reach of the others"
 FAR = "doubt: out of reach of the track before, by {:.0f} px"
@@ -34,12 +34,12 @@ def in_pieces(track: BallTrack, clicked: bool) -> BallTrack:
         return track
     d = float(np.median(track.diameter[good]))
     at = np.stack([track.x[good], track.y[good]], axis=1)
-    pieces = np.split(np.arange(good.size), np.flatnonzero(~_linked(good, at, d)) + 1)
+    pieces = np.split(np.arange(good.size), np.flatnonzero(~_linked(good, at, d, track)) + 1)
     if len(pieces) == 1 and (good.size > 1 or clicked):
         return track
     reach = [float(np.hypot(*np.ptp(at[p], axis=0))) for p in pieces]
     first = clicked and good[0] == 0
-    main = 0 if first and pieces[0].size > 1 else max(range(len(pieces)), key=lambda k: (reach[k] > DRIFT, pieces[k].size))
+    main = 0 if first else max(range(len(pieces)), key=lambda k: (reach[k] > DRIFT, pieces[k].size))
     flag = track.flag.astype(object)
     look = _Look(track, good, pieces[main])
     for order in (range(main + 1, len(pieces)), range(main - 1, -1, -1)):
@@ -73,7 +73,7 @@ def without(track: BallTrack, reason: NDArray[np.object_]) -> BallTrack:
     return replace(track, flag=flag, **{n: np.where(flag == "", v, np.nan) for n, v in values if v is not None})
 
 
-def _linked(good: Ints, at: Array, d: float) -> NDArray[np.bool_]:
+def _linked(good: Ints, at: Array, d: float, track: BallTrack) -> NDArray[np.bool_]:
     """(n - 1,): whether each good row and the next belong together."""
     if good.size < 2:
         return np.zeros(0, bool)
@@ -102,9 +102,16 @@ def _linked(good: Ints, at: Array, d: float) -> NDArray[np.bool_]:
         # the next pair is of one piece and this step is no longer than twice its own
         joined[:-1] = o[1:] & near_k[:-1] & (speed[:-1] < 2.0 * speed[1:] + STEP * d)
         held |= joined[::turn]
-    both = held.copy()
-    both[1:-1] &= out[:-2] | out[2:]
-    return out | both
+    both = held & ~out
+    out |= both
+    if track.grey is not None and track.contrast is not None:
+        # what changes its grey unseen, or as it jumps, is another thing
+        grey, most = track.grey[good], OTHER_GREY * float(np.nanmedian(np.abs(track.contrast[good])))
+        for k in np.flatnonzero(out & ((gap > 1) | both)):
+            before, after = grey[max(0, k - 4) : k + 1], grey[k + 1 : k + 6]
+            off = abs(float(np.median(after) - np.median(before)))
+            out[k] = off < max(most, SCATTER * max(_scatter(before), _scatter(after)))
+    return out
 
 
 def _beyond(good: Ints, at: Array, d: float, before: Ints, after: Ints) -> float:

@@ -21,7 +21,8 @@ from .unknowns import WX, WY, A, B
 
 POLARITIES = ("bright", "dark")
 LEAVES = 2.0  # steps before the border from which a ball that is lost has left the image
-OTHER_GREY, SCATTER = 0.15, 6.0  # of the contrast; mean distances: a thing found again is another
+# of the contrast, where the ball was expected and elsewhere; mean distances: a thing found again is another
+OTHER_GREY, SCATTER = (0.08, 0.04), 6.0
 UNKNOWN = 4.0  # diameters a frame: half of what a ball, seen once, may fly
 METHODS = ("disc", "threshold", "template")
 
@@ -243,15 +244,18 @@ class BallTracker:
                 found.append(f)
             elif f.flag.reason in COVERED:
                 covered.append((math.hypot(f.x - x, f.y - y), f.flag))
-        free = self._not_rivals(_distinct(found), predicted, reach, far)
+        free, apart = self._not_rivals(_distinct(found), predicted, reach, far)
         free = [f for f in free if not _nearer(f, others, (x, y))]
         ours = [f for f in free if self._like(f)]
-        if strange := [f for f in free if f not in ours]:
+        if strange := [f for f in free if not self._like(f)]:
             grey = self.grey[0]
             flag = Flag(Reason.OTHER_GREY, (float(strange[0].p[A]) if strange[0].p is not None else grey, grey))
         near = [f for f in ours if math.hypot(f.x - x, f.y - y) <= reach]
-        if not near and len(ours) > 1:
-            return Found(Flag(Reason.ALIKE, (len(ours),)))
+        if not near:  # somewhere else: it must be the ball for sure
+            ours = [f for f in ours if self._like(f, sure=True)]
+            alike = len(ours) + sum(self._like(f) for f in apart)
+            if ours and alike > 1:
+                return Found(Flag(Reason.ALIKE, (alike,)))
         ours = near or ours
         if not ours:
             return Found(Flag(Reason.LEFT) if not strange and self._left(view.shape, x, y) else flag)
@@ -264,11 +268,11 @@ class BallTracker:
             return Found(Flag(Reason.ALIKE, (len(ours),)))
         return ours[0]
 
-    def _like(self, found: Found) -> bool:
+    def _like(self, found: Found, sure: bool = False) -> bool:
         """Whether what was found again has the ball's grey, as far as that was steady."""
         if found.p is None or not math.isfinite(self.grey[0]):
             return True
-        most = max(OTHER_GREY * abs(float(found.p[A] - found.p[B])), SCATTER * self.grey[1])
+        most = max(OTHER_GREY[sure] * abs(float(found.p[A] - found.p[B])), SCATTER * self.grey[1])
         return abs(float(found.p[A]) - self.grey[0]) < most * (1.0 + self.lost / 5.0)  # light changes on the way
 
     def _left(self, shape: tuple[int, int], x: float, y: float) -> bool:
@@ -280,9 +284,11 @@ class BallTracker:
         next_x, next_y = self.last[0] + LEAVES * speed[0], self.last[1] + LEAVES * speed[1]
         return not (self.d < next_x < shape[1] - 1 - self.d and self.d < next_y < shape[0] - 1 - self.d)
 
-    def _not_rivals(self, found: list[Found], predicted: Start, reach: float, far: float) -> list[Found]:
-        """Balls within reach of the prediction or not too far from the last place, nearest to the prediction first,
-        less those that a rival of the frame before explains."""
+    def _not_rivals(
+        self, found: list[Found], predicted: Start, reach: float, far: float
+    ) -> tuple[list[Found], list[Found]]:
+        """Balls within reach of the prediction or not too far from the last place, nearest to the prediction first, and
+        the others; less those that a rival of the frame before explains."""
         assert self.last is not None
         (x, y), (last_x, last_y) = predicted[:2], self.last
         free = sorted(found, key=lambda f: math.hypot(f.x - x, f.y - y))
@@ -292,9 +298,12 @@ class BallTracker:
             if near is not None and math.hypot(near.x - rx, near.y - ry) < min(self.search, 1.0) * predicted.d:
                 free.remove(near)
                 rivals.append((near.x, near.y))
-        within = [f for f in free if min(math.hypot(f.x - x, f.y - y) / reach, math.hypot(f.x - last_x, f.y - last_y) / far) <= 1]
-        self.rivals = rivals + [(f.x, f.y) for f in free if f not in within]
-        return within
+        away = [
+            min(math.hypot(f.x - x, f.y - y) / reach, math.hypot(f.x - last_x, f.y - last_y) / far) for f in free
+        ]
+        within, apart = ([f for f, a in zip(free, away, strict=True) if (a <= 1) == inside] for inside in (True, False))
+        self.rivals = rivals + [(f.x, f.y) for f in apart]
+        return within, apart
 
     def _blobs(self, image: NDArray[np.generic]) -> list[Blob]:
         return find_blobs(

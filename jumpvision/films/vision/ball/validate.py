@@ -24,6 +24,7 @@ from .unknowns import A, B
 
 USUAL, ON_PATH = 1.25, 0.4  # largest ratio of contrasts along a path; diameters off it
 PLACE, STAYS = 0.2, 3  # diameters; frames there
+ALIKE_GREY = 0.15  # of the contrast
 ASKED = 3  # frames that are asked whether the same stands there without the ball
 STANDS = "doubt: the same stands here in frame {} while the ball is at ({:.0f}, {:.0f})"
 STILL = "doubt: stands still while something moves at ({:.0f}, {:.0f})"
@@ -53,7 +54,8 @@ def validated(track: BallTrack, frames: Frames, settings: BallSettings) -> BallT
             # of 12 frames the median is a scene to take out
             moving = follow(ours[0], frames, settings, scene if len(frames) >= 12 else None)
             # the search must find the ball moving in a tenth more frames
-            if (still and settings.seed is None) or _movers(moving, d) > 1.1 * _movers(track, d):
+            more = _movers(moving, d) > 1.1 * _movers(track, d)
+            if (still and settings.seed is None) or (more and _of_the_clicked(moving, track, settings, d)):
                 return _with_notes(
                     without_still_objects(moving, frames, settings), ours, still and bool(good.any()), track
                 )
@@ -150,6 +152,17 @@ def without_still_objects(track: BallTrack, frames: Frames, settings: BallSettin
             g = int(asked[0])
             flag[members] = STANDS.format(g, track.x[g], track.y[g])
     return without(track, flag) if (flag != track.flag).any() else track
+
+
+def _of_the_clicked(moving: BallTrack, track: BallTrack, settings: BallSettings, d: float) -> bool:
+    """Whether what moves is what was clicked: there in the first frame, or of its grey."""
+    if settings.seed is None or track.flag[0]:
+        return True
+    if not moving.flag[0]:
+        return math.hypot(moving.x[0] - track.x[0], moving.y[0] - track.y[0]) < d
+    if track.grey is None or track.contrast is None or moving.grey is None:
+        return True
+    return bool(abs(np.nanmedian(moving.grey) - track.grey[0]) < ALIKE_GREY * abs(track.contrast[0]))
 
 
 def _movers(track: BallTrack, d: float) -> int:
