@@ -24,6 +24,7 @@ OTHER_GREY, OTHER_SIZE, SCATTER = 0.05, 0.08, 6.0  # of contrast, of the diamete
 ALONE = "doubt: no neighbour within reach"
 STANDS = "doubt: {} rows that stand still, out of reach of the others"
 FAR = "doubt: out of reach of the track before, by {:.0f} px"
+ALIKE = "doubt: balls alike were seen between"
 OTHER = "doubt: another thing ({} {:.4g} instead of {:.4g})"
 
 
@@ -39,7 +40,8 @@ def in_pieces(track: BallTrack, clicked: bool) -> BallTrack:
         return track
     reach = [float(np.hypot(*np.ptp(at[p], axis=0))) for p in pieces]
     first = clicked and good[0] == 0
-    main = 0 if first else max(range(len(pieces)), key=lambda k: (reach[k] > DRIFT, pieces[k].size))
+    # a hand that holds the ball changes how it looks
+    main = 0 if first and pieces[0].size > 1 and reach[0] > DRIFT else max(range(len(pieces)), key=lambda k: (reach[k] > DRIFT, pieces[k].size))
     flag = track.flag.astype(object)
     look = _Look(track, good, pieces[main])
     for order in (range(main + 1, len(pieces)), range(main - 1, -1, -1)):
@@ -51,6 +53,8 @@ def in_pieces(track: BallTrack, clicked: bool) -> BallTrack:
                 why = ALONE
             elif not why and p.size <= SHORT and reach[k] < DRIFT and not (first and k == 0):
                 why = STANDS.format(p.size)
+            elif not why and _alike_between(track, *((good[last[-1]], good[p[0]]) if order.step > 0 else (good[p[-1]], good[last[0]]))):
+                why = ALIKE
             elif not why:
                 off = _beyond(good, at, d, *((last, p) if order.step > 0 else (p, last)))
                 why = FAR.format(off) if off > 0 else ""
@@ -103,6 +107,10 @@ def _linked(good: Ints, at: Array, d: float, track: BallTrack) -> NDArray[np.boo
         joined[:-1] = o[1:] & near_k[:-1] & (speed[:-1] < 2.0 * speed[1:] + STEP * d)
         held |= joined[::turn]
     both = held & ~out
+    # each of the two has a neighbour of its own
+    both[1:] &= out[:-1]
+    both[:-1] &= out[1:]
+    both[[0, -1]] = False
     out |= both
     if track.grey is not None and track.contrast is not None:
         # what changes its grey unseen, or as it jumps, is another thing
@@ -112,6 +120,11 @@ def _linked(good: Ints, at: Array, d: float, track: BallTrack) -> NDArray[np.boo
             off = abs(float(np.median(after) - np.median(before)))
             out[k] = off < max(most, SCATTER * max(_scatter(before), _scatter(after)))
     return out
+
+
+def _alike_between(track: BallTrack, first: int, last: int) -> bool:
+    """Whether in frames between two others several balls were alike."""
+    return any("alike" in f for f in track.flag[first + 1 : last])
 
 
 def _beyond(good: Ints, at: Array, d: float, before: Ints, after: Ints) -> float:

@@ -23,6 +23,8 @@ POLARITIES = ("bright", "dark")
 LEAVES = 2.0  # steps before the border from which a ball that is lost has left the image
 # of the contrast, where the ball was expected and elsewhere; mean distances: a thing found again is another
 OTHER_GREY, SCATTER = (0.08, 0.04), 6.0
+STEADY, KNOWN = 10, 4  # rows that the ball's grey is the mean of; from which on it is known
+MOVES, PLACE = 0.1, 0.2  # diameters from frame to frame: a ball that moves; a thing that stands
 UNKNOWN = 4.0  # diameters a frame: half of what a ball, seen once, may fly
 METHODS = ("disc", "threshold", "template")
 
@@ -115,8 +117,11 @@ class BallTracker:
         self.last: tuple[float, float] | None = None
         self.velocity: tuple[float, float] | None = None  # px a frame
         self.lost = 0  # frames since the last good one
-        self.grey = (math.nan, 0.0)  # running mean of the ball's grey, and of its distance from that
+        self.grey = (0.0, 0.0, 0)  # running mean of the ball's grey, and of its distance from that; rows of it
         self.fastest = 0.0  # px a frame, so far
+        self.view: View | None = None  # the frame that is looked at
+        self.before: View | None = None  # the one that the ball was last seen in
+        self.others: list[tuple[float, float]] | None = None  # balls beside it there, once asked for
         self.rivals: list[tuple[float, float]] = []
         self.trust = False  # hints are right also after frames without the ball
 
@@ -131,6 +136,8 @@ class BallTracker:
         found = self.measurer.follow(block, first, shape, scene, self.search)
         for f in found:
             self._at(f)
+        if found:
+            self.before = None
         return found
 
     def next(self, image: Image) -> Found | None:
@@ -142,10 +149,14 @@ class BallTracker:
         window = image[y0:y1, x0:x1].copy()[None]
         block = Block(window, np.array([(x0, y0)]), np.array([(start.x, start.y, start.wx, start.wy)]))
         found = self.follow(block, 0, (height, width), None)
-        return found[0] if found else None
+        if not found:
+            return None
+        self.before, self.others = View.of(image), None
+        return found[0]
 
     def look(self, view: View, hint: Found | None = None, others: Sequence[tuple[float, float]] = ()) -> Found:
         """The same without taking note; `keep` must follow. others: where other balls are expected."""
+        self.view = view
         if self.last is None:
             return self._at_hint(view, hint) or self._first(view, others)
         start = self._predicted()
@@ -162,6 +173,8 @@ class BallTracker:
 
     def keep(self, found: Found) -> Found:
         """Takes note of a measurement: the next frame is predicted from it."""
+        if not found.flag:
+            self.before, self.others = self.view, None
         return self._miss(found) if found.flag else self._take(found)
 
     @property
@@ -252,7 +265,7 @@ class BallTracker:
             flag = Flag(Reason.OTHER_GREY, (float(strange[0].p[A]) if strange[0].p is not None else grey, grey))
         near = [f for f in ours if math.hypot(f.x - x, f.y - y) <= reach]
         if not near:  # somewhere else: it must be the ball for sure
-            ours = [f for f in ours if self._like(f, sure=True)]
+            ours = [] if self._another(found) else [f for f in ours if self._like(f, sure=True)]
             alike = len(ours) + sum(self._like(f) for f in apart)
             if ours and alike > 1:
                 return Found(Flag(Reason.ALIKE, (alike,)))
@@ -268,9 +281,26 @@ class BallTracker:
             return Found(Flag(Reason.ALIKE, (len(ours),)))
         return ours[0]
 
+    def _another(self, found: Sequence[Found]) -> bool:
+        """Whether beside the ball, when it was last seen, there was another that does not stand where it stood: found
+        now, it is not the ball."""
+        if self.others is None:
+            view, last = self.before, self.last
+            if view is None or last is None:
+                return False
+            fits = (self.measurer.measure(view, _start(b, self.streak), fresh=True) for b in self._blobs(view.everything()))
+            self.others = [
+                (f.x, f.y)
+                for f in fits
+                if not f.flag and self._like(f) and math.hypot(f.x - last[0], f.y - last[1]) > 0.5 * f.diameter
+            ]
+        return any(
+            all(math.hypot(f.x - x, f.y - y) > PLACE * f.diameter for f in found) for x, y in self.others
+        )
+
     def _like(self, found: Found, sure: bool = False) -> bool:
         """Whether what was found again has the ball's grey, as far as that was steady."""
-        if found.p is None or not math.isfinite(self.grey[0]):
+        if found.p is None or self.grey[2] < KNOWN:
             return True
         most = max(OTHER_GREY[sure] * abs(float(found.p[A] - found.p[B])), SCATTER * self.grey[1])
         return abs(float(found.p[A]) - self.grey[0]) < most * (1.0 + self.lost / 5.0)  # light changes on the way
@@ -319,10 +349,12 @@ class BallTracker:
 
     def _at(self, found: Found) -> None:
         x, y = found.x, found.y
-        if found.p is not None:
-            grey, (mean, off) = float(found.p[A]), self.grey
-            # steady over ten frames
-            self.grey = (mean + 0.1 * (grey - mean), off + 0.1 * (abs(grey - mean) - off)) if mean == mean else (grey, 0.0)
+        moves = self.last is not None and math.hypot(x - self.last[0], y - self.last[1]) > MOVES * found.diameter
+        if found.p is not None and (moves or self.grey[2] == 0):  # a hand that holds it changes it
+            grey, (mean, off, rows) = float(found.p[A]), self.grey
+            share = 1.0 / (1 + min(rows, STEADY))
+            mean += share * (grey - mean)
+            self.grey = mean, off + share * (abs(grey - mean) - off), rows + 1
         if self.last is not None:
             n = self.lost + 1
             vx, vy = (x - self.last[0]) / n, (y - self.last[1]) / n

@@ -24,7 +24,6 @@ from .unknowns import A, B
 
 USUAL, ON_PATH = 1.25, 0.4  # largest ratio of contrasts along a path; diameters off it
 PLACE, STAYS = 0.2, 3  # diameters; frames there
-ALIKE_GREY = 0.15  # of the contrast
 ASKED = 3  # frames that are asked whether the same stands there without the ball
 STANDS = "doubt: the same stands here in frame {} while the ball is at ({:.0f}, {:.0f})"
 STILL = "doubt: stands still while something moves at ({:.0f}, {:.0f})"
@@ -155,14 +154,10 @@ def without_still_objects(track: BallTrack, frames: Frames, settings: BallSettin
 
 
 def _of_the_clicked(moving: BallTrack, track: BallTrack, settings: BallSettings, d: float) -> bool:
-    """Whether what moves is what was clicked: there in the first frame, or of its grey."""
-    if settings.seed is None or track.flag[0]:
+    """Whether what moves is not beside what was clicked, in the first frame."""
+    if settings.seed is None or track.flag[0] or moving.flag[0]:
         return True
-    if not moving.flag[0]:
-        return math.hypot(moving.x[0] - track.x[0], moving.y[0] - track.y[0]) < d
-    if track.grey is None or track.contrast is None or moving.grey is None:
-        return True
-    return bool(abs(np.nanmedian(moving.grey) - track.grey[0]) < ALIKE_GREY * abs(track.contrast[0]))
+    return math.hypot(moving.x[0] - track.x[0], moving.y[0] - track.y[0]) < d
 
 
 def _movers(track: BallTrack, d: float) -> int:
