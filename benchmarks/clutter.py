@@ -282,7 +282,7 @@ def tracked(frames: np.ndarray, how: dict):
 
 
 def judged(f: Film, family: str, click: bool, number: int) -> tuple[str, int, int, str]:
-    """("found" | "part" | "refused" | "false"), false rows, good rows, words."""
+    """("found" | "part" | "refused" | "doubted" | "false"), false rows, good rows, words."""
     t, said = tracked(f.frames, settings(f, family, click, number))
     good = (t.flag == "").to_numpy()
     at = np.stack([t.x_px, t.y_px], axis=1)
@@ -292,7 +292,8 @@ def judged(f: Film, family: str, click: bool, number: int) -> tuple[str, int, in
     wrong = good & ~(off[0] < 0.5 * f.d)
     seen = f.seen if len(off) == len(f.truth) else inside(f.truth[0], f.frames.shape[1:], f.d) & f.seen
     hit = float((good & (off[0] < 0.3 * f.d))[seen].mean())
-    verdict = "false" if wrong.any() else "found" if hit >= 0.9 else "part" if good.any() else "refused"
+    doubted = any("doubt" in s for s in said)
+    verdict = "doubted" if wrong.any() and doubted else "false" if wrong.any() else "found" if hit >= 0.9 else "part" if good.any() else "refused"
     untrue = [s for s in said if "stands still and was not taken" in s and stands_at_ball(s, f)]
     left = int(sum("left the image" in s for s in t.flag[f.seen]))
     extra = f"; says the ball stands still: {untrue[0][:60]}" if untrue else ""
@@ -305,7 +306,7 @@ def judged(f: Film, family: str, click: bool, number: int) -> tuple[str, int, in
     words = (
         f"{good.sum()} of {len(good)} good, {wrong.sum()} false{where}, {hit:.0%} of {f.seen.sum()} seen{why}{extra}"
     )
-    return verdict, int(wrong.sum()), int(good.sum()), words
+    return verdict, int(wrong.sum()) * (not doubted), int(good.sum()), words
 
 
 def stands_at_ball(said: str, f: Film) -> bool:
@@ -324,7 +325,7 @@ def interval(k: int, n: int) -> str:
 
 def clips(a: argparse.Namespace) -> None:
     families = [a.family] if a.family else [*MIX]
-    order = ("false", "refused", "part", "found")
+    order = ("false", "doubted", "refused", "part", "found")
     rows, wrong, good = [], 0, 0
     for family in families:
         share = 1.0 if a.family else MIX[family]
@@ -340,16 +341,14 @@ def clips(a: argparse.Namespace) -> None:
                 )
             )
             wrong, good = wrong + k, good + n
-            if a.each:
-                print(rows[-1][2], file=sys.stderr, flush=True)
     if a.each:
         print("\n".join(r[2] for r in sorted(rows)))
     total = len(rows)
-    counts = [sum(r[0] == k for r in rows) for k in range(4)]
-    found = f"{counts[3]} of {total} ({interval(counts[3], total)})"
-    print("| films | found | part of the frames | refused | with a false row | false rows |\n|---|---|---|---|---|---|")
+    counts = [sum(r[0] == k for r in rows) for k in range(5)]
+    found = f"{counts[4]} of {total} ({interval(counts[4], total)})"
+    print("| films | found | part of the frames | refused | false, and a doubt told | with a silently false row | such rows |\n|---|---|---|---|---|---|---|")
     print(
-        f"| {a.family or 'mix'}, {'clicked' if a.click else 'no click'}, seed {a.seed} | {found} | {counts[2]} | {counts[1]} | {counts[0]} | {wrong} of {good} |"
+        f"| {a.family or 'mix'}, {'clicked' if a.click else 'no click'}, seed {a.seed} | {found} | {counts[3]} | {counts[2]} | {counts[1]} | {counts[0]} | {wrong} of {good} |"
     )
 
 

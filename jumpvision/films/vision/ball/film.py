@@ -19,8 +19,8 @@ from .appearance.template import track_template
 from .background import LEAST_VIEWS, SceneSum, View, Window
 from .measure import AS_THEY_ARE, Block, Found, window_half
 from .moving import MOST_FRAMES, AtHand, still_scene
-from .reasons import Flag, Reason
 from .pieces import in_pieces
+from .reasons import Flag, Reason
 from .refine import refined
 from .track import BallSettings, BallTrack, BallTracker, as_track
 from .unknowns import WX, WY, A

@@ -25,6 +25,7 @@ LEAVES = 2.0  # steps before the border from which a ball that is lost has left 
 OTHER_GREY, SCATTER = (0.08, 0.04), 6.0
 STEADY, KNOWN = 10, 4  # rows that the ball's grey is the mean of; from which on it is known
 MOVES, PLACE = 0.1, 0.2  # diameters from frame to frame: a ball that moves; a thing that stands
+LONG = 6  # frames lost, after which a ball is no longer known by its way
 UNKNOWN = 4.0  # diameters a frame: half of what a ball, seen once, may fly
 METHODS = ("disc", "threshold", "template")
 
@@ -264,7 +265,9 @@ class BallTracker:
             grey = self.grey[0]
             flag = Flag(Reason.OTHER_GREY, (float(strange[0].p[A]) if strange[0].p is not None else grey, grey))
         near = [f for f in ours if math.hypot(f.x - x, f.y - y) <= reach]
-        if not near:  # somewhere else: it must be the ball for sure
+        if near and n > LONG and self._another(found):
+            near = ours = []
+        elif not near:  # somewhere else: it must be the ball for sure
             ours = [] if self._another(found) else [f for f in ours if self._like(f, sure=True)]
             alike = len(ours) + sum(self._like(f) for f in apart)
             if ours and alike > 1:
