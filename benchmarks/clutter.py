@@ -293,7 +293,9 @@ def judged(f: Film, family: str, click: bool, number: int) -> tuple[str, int, in
     seen = f.seen if len(off) == len(f.truth) else inside(f.truth[0], f.frames.shape[1:], f.d) & f.seen
     hit = float((good & (off[0] < 0.3 * f.d))[seen].mean())
     doubted = any("doubt" in s for s in said)
-    verdict = "doubted" if wrong.any() and doubted else "false" if wrong.any() else "found" if hit >= 0.9 else "part" if good.any() else "refused"
+    verdict = "found" if hit >= 0.9 else "part" if good.any() else "refused"
+    if wrong.any():
+        verdict = "doubted" if doubted else "false"
     untrue = [s for s in said if "stands still and was not taken" in s and stands_at_ball(s, f)]
     left = int(sum("left the image" in s for s in t.flag[f.seen]))
     extra = f"; says the ball stands still: {untrue[0][:60]}" if untrue else ""
@@ -346,7 +348,9 @@ def clips(a: argparse.Namespace) -> None:
     total = len(rows)
     counts = [sum(r[0] == k for r in rows) for k in range(5)]
     found = f"{counts[4]} of {total} ({interval(counts[4], total)})"
-    print("| films | found | part of the frames | refused | false, and a doubt told | with a silently false row | such rows |\n|---|---|---|---|---|---|---|")
+    print(
+        "| films | found | part of the frames | refused | false, and a doubt told | with a silently false row | such rows |\n|---|---|---|---|---|---|---|"
+    )
     print(
         f"| {a.family or 'mix'}, {'clicked' if a.click else 'no click'}, seed {a.seed} | {found} | {counts[3]} | {counts[2]} | {counts[1]} | {counts[0]} | {wrong} of {good} |"
     )

@@ -86,8 +86,8 @@ def still_scene(frames: Frames) -> Float32:
     stack = np.stack([np.asarray(frames[int(i)]) for i in _sampled(frames)])
     if stack.dtype not in (np.uint8, np.uint16):
         return np.median(stack.astype(np.float32), axis=0).astype(np.float32)
-    out = np.zeros(stack.shape[1:], np.float32)
-    _medians(out.shape[0], stack, 8 * stack.dtype.itemsize, out)
+    out: Float32 = np.zeros(stack.shape[1:], np.float32)
+    _medians(len(out), stack, 8 * stack.dtype.itemsize, out)
     return out
 
 

@@ -7,8 +7,6 @@ Only rows near a row decide on it, and what the longest piece looks like.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -41,7 +39,9 @@ def in_pieces(track: BallTrack, clicked: bool) -> BallTrack:
     reach = [float(np.hypot(*np.ptp(at[p], axis=0))) for p in pieces]
     first = clicked and good[0] == 0
     # a hand that holds the ball changes how it looks
-    main = 0 if first and pieces[0].size > 1 and reach[0] > DRIFT else max(range(len(pieces)), key=lambda k: (reach[k] > DRIFT, pieces[k].size))
+    main = max(range(len(pieces)), key=lambda k: (reach[k] > DRIFT, pieces[k].size))
+    if first and pieces[0].size > 1 and reach[0] > DRIFT:
+        main = 0
     flag = track.flag.astype(object)
     look = _Look(track, good, pieces[main])
     for order in (range(main + 1, len(pieces)), range(main - 1, -1, -1)):
@@ -53,11 +53,12 @@ def in_pieces(track: BallTrack, clicked: bool) -> BallTrack:
                 why = ALONE
             elif not why and p.size <= SHORT and reach[k] < DRIFT and not (first and k == 0):
                 why = STANDS.format(p.size)
-            elif not why and _alike_between(track, *((good[last[-1]], good[p[0]]) if order.step > 0 else (good[p[-1]], good[last[0]]))):
-                why = ALIKE
             elif not why:
-                off = _beyond(good, at, d, *((last, p) if order.step > 0 else (p, last)))
+                before, after = (last, p) if order.step > 0 else (p, last)
+                off = _beyond(good, at, d, before, after)
                 why = FAR.format(off) if off > 0 else ""
+                if _alike_between(track, good[before[-1]], good[after[0]]):
+                    why = ALIKE
             if why:
                 flag[good[p]] = why
             else:
@@ -72,9 +73,13 @@ def in_pieces(track: BallTrack, clicked: bool) -> BallTrack:
 def without(track: BallTrack, reason: NDArray[np.object_]) -> BallTrack:
     """The track with these flags, and no numbers where there is one."""
     flag: NDArray[np.str_] = reason.astype(np.str_)
-    names = ("x", "y", "sigma", "diameter", "chi2", "grey", "contrast")
-    values = ((n, getattr(track, n)) for n in names)
-    return replace(track, flag=flag, **{n: np.where(flag == "", v, np.nan) for n, v in values if v is not None})
+    def kept(values: Array | None) -> Array | None:
+        return None if values is None else np.where(flag == "", values, np.nan)
+
+    x, y, sigma, size, chi2 = (
+        np.where(flag == "", v, np.nan) for v in (track.x, track.y, track.sigma, track.diameter, track.chi2)
+    )
+    return BallTrack(x, y, sigma, size, chi2, flag, track.notes, kept(track.grey), kept(track.contrast))
 
 
 def _linked(good: Ints, at: Array, d: float, track: BallTrack) -> NDArray[np.bool_]:

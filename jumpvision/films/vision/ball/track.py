@@ -25,7 +25,7 @@ LEAVES = 2.0  # steps before the border from which a ball that is lost has left 
 OTHER_GREY, SCATTER = (0.08, 0.04), 6.0
 STEADY, KNOWN = 10, 4  # rows that the ball's grey is the mean of; from which on it is known
 MOVES, PLACE = 0.1, 0.2  # diameters from frame to frame: a ball that moves; a thing that stands
-LONG = 6  # frames lost, after which a ball is no longer known by its way
+LONG = 6  # frames lost, after whose reach a ball is no longer known by its way
 UNKNOWN = 4.0  # diameters a frame: half of what a ball, seen once, may fly
 METHODS = ("disc", "threshold", "template")
 
@@ -265,7 +265,7 @@ class BallTracker:
             grey = self.grey[0]
             flag = Flag(Reason.OTHER_GREY, (float(strange[0].p[A]) if strange[0].p is not None else grey, grey))
         near = [f for f in ours if math.hypot(f.x - x, f.y - y) <= reach]
-        if near and n > LONG and self._another(found):
+        if near and math.hypot(near[0].x - x, near[0].y - y) > LONG * self.search * d and self._another(found):
             near = ours = []
         elif not near:  # somewhere else: it must be the ball for sure
             ours = [] if self._another(found) else [f for f in ours if self._like(f, sure=True)]
@@ -291,15 +291,14 @@ class BallTracker:
             view, last = self.before, self.last
             if view is None or last is None:
                 return False
-            fits = (self.measurer.measure(view, _start(b, self.streak), fresh=True) for b in self._blobs(view.everything()))
+            starts = (_start(b, self.streak) for b in self._blobs(view.everything()))
+            fits = (self.measurer.measure(view, start, fresh=True) for start in starts)
             self.others = [
                 (f.x, f.y)
                 for f in fits
                 if not f.flag and self._like(f) and math.hypot(f.x - last[0], f.y - last[1]) > 0.5 * f.diameter
             ]
-        return any(
-            all(math.hypot(f.x - x, f.y - y) > PLACE * f.diameter for f in found) for x, y in self.others
-        )
+        return any(all(math.hypot(f.x - x, f.y - y) > PLACE * f.diameter for f in found) for x, y in self.others)
 
     def _like(self, found: Found, sure: bool = False) -> bool:
         """Whether what was found again has the ball's grey, as far as that was steady."""
@@ -331,9 +330,7 @@ class BallTracker:
             if near is not None and math.hypot(near.x - rx, near.y - ry) < min(self.search, 1.0) * predicted.d:
                 free.remove(near)
                 rivals.append((near.x, near.y))
-        away = [
-            min(math.hypot(f.x - x, f.y - y) / reach, math.hypot(f.x - last_x, f.y - last_y) / far) for f in free
-        ]
+        away = [min(math.hypot(f.x - x, f.y - y) / reach, math.hypot(f.x - last_x, f.y - last_y) / far) for f in free]
         within, apart = ([f for f, a in zip(free, away, strict=True) if (a <= 1) == inside] for inside in (True, False))
         self.rivals = rivals + [(f.x, f.y) for f in apart]
         return within, apart

@@ -220,5 +220,3 @@ def _beside(track: BallTrack, rows: NDArray[np.int64], x: Array, y: Array) -> bo
     d = float(np.nanmedian(track.diameter[rows]))
     away = np.hypot(track.x[rows][known] - x[known], track.y[rows][known] - y[known]) > d
     return bool(2 * np.count_nonzero(away) >= rows.size)
-
-

@@ -106,11 +106,12 @@ class _Face:
 
 
 class _Pictures:
-    """What is laid in a frame: the stack (k k, waves), of a radius and blur (`of`) that may be STALE; laid (k k, 12): share and face, then their derivatives."""
+    """What is laid in a frame: the stack (k k, waves), of a radius and blur (`of`) that may be STALE; laid (k k, 12):
+    share and face, then their derivatives."""
 
     def __init__(self, face: _Face, s: _Shared, before: _Pictures | None = None):
         value = face.pair(s, s.radius, s.blur)
-        self.of = s.radius, s.blur
+        self.of, self.stack = (s.radius, s.blur), np.zeros((0, 0), np.float32)
         if before is not None and max(abs(a - b) for a, b in zip(self.of, before.of, strict=True)) < STALE:
             self.stack, self.of = before.stack, before.of
         else:
@@ -340,8 +341,8 @@ def _placed(p: Place, step: Array, e: _Equations) -> tuple[Place, float]:
 
 
 class _Measured:
-    """Frames fitted one by one with the shared unknowns as they are; sigma: a frame's own, and what the shared ones cost
-    a frame that taught them beyond what they cost all alike."""
+    """Frames fitted one by one with the shared unknowns as they are; sigma: a frame's own, and what the shared ones
+    cost a frame that taught them beyond what they cost all alike."""
 
     def __init__(self, film: _Film, pictures: _Pictures, cuts: dict[int, _Frame], cov: Array, widest: Array):
         self.film, self.pictures, self.widest = film, pictures, widest
@@ -359,7 +360,7 @@ class _Measured:
     def _at_rest(self, cut: _Frame, p: Place) -> tuple[Place, _Equations]:
         for _ in range(12):  # the shared unknowns stay as they are
             e = _Equations(cut, p, self.film.shared, self.pictures, self.film.prior, alone=True)
-            p, far = _placed(p, np.linalg.solve(e.h, e.g), e)
+            p, far = _placed(p, np.asarray(np.linalg.solve(e.h, e.g), np.float64), e)
             if far < REST:
                 break
         return p, _Equations(cut, p, self.film.shared, self.pictures, self.film.prior, alone=True)
@@ -368,7 +369,7 @@ class _Measured:
         """Frame i, whose place is about `start`."""
         p, e = self.taught.get(i) or self._at_rest(cut, start)
         var = np.linalg.inv(e.h)[:2, :2] * e.power / e.noise**2 / max(e.count - 5.0, 1.0)
-        var += self._shares.get(i, self._usual_share)
+        var = var + np.asarray(self._shares.get(i, self._usual_share))
         # a place may move by half of the radius
         if math.hypot(p.x - start.x, p.y - start.y) > 0.5 * self.film.shared.radius:
             return replace(p, found=Found(Flag(Reason.NOT_CONVERGED)))

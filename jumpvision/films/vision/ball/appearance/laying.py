@@ -72,7 +72,7 @@ def fit_layer(image, scene, alpha, shown, start, d, height):  # type: ignore[no-
     rows, columns = image.shape
     p, begin = start.copy(), start.copy()
     m = 0.5 * (k - 1)
-    u0, v0 = int(round(p[0])) - half, int(round(p[1])) - half
+    u0, v0 = math.floor(p[0] + 0.5) - half, math.floor(p[1] + 0.5) - half
     most = k * k
     j, left, change, share = np.empty((most, 5)), np.empty(most), np.empty(most), np.empty(most)
     wu, wv, su, sv = np.empty(4), np.empty(4), np.empty(4), np.empty(4)
