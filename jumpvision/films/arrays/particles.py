@@ -118,9 +118,7 @@ def _trackpy() -> Any:
     return trackpy
 
 
-def _located(
-    tp: Any, image: Image, i: int, diameter: int, polarity: str, least_mass: float | None
-) -> pd.DataFrame:
+def _located(tp: Any, image: Image, i: int, diameter: int, polarity: str, least_mass: float | None) -> pd.DataFrame:
     """frame, x, y, sigma [px] of the particles in a frame."""
     with warnings.catch_warnings():  # of pandas, for trackpy's writers
         warnings.simplefilter("ignore")

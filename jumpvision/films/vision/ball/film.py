@@ -14,8 +14,6 @@ from jumpvision.base.arrays import Image
 from jumpvision.base.progress import watch
 from jumpvision.films.frames.base import Frames
 
-from .appearance.flight import in_flight, is_shadow
-from .appearance.template import track_template
 from .background import LEAST_VIEWS, SceneSum, View, Window
 from .measure import AS_THEY_ARE, Block, Found, window_half
 from .moving import MOST_FRAMES, AtHand, still_scene
@@ -128,6 +126,8 @@ class FilmTracker:
 
     def _tracks(self, frames: Frames) -> list[BallTrack]:
         if self.settings.method == "template":
+            from .appearance.template import track_template
+
             return [track_template(frames, s) for s in self._settings]
         kept = AtHand(frames, self._samples.all, [w[0] for w in self._windows])
         with ThreadPoolExecutor(1) as thread:  # each is half of the work that is left
@@ -144,10 +144,14 @@ class FilmTracker:
             sure = validated(first[0], frames, self.settings)
             dark = self.settings.polarity == "dark"
             unsure = self.settings.seed is None and self.still
-            if unsure and (is_still(sure) or (dark and is_shadow(sure, frames, still_scene(frames)))):
-                flying = in_flight(frames, still_scene(frames), self.settings.diameter, None)
-                if flying is not None:
-                    return [replace(flying, notes=(FLYING,))]
+            if unsure and (dark or is_still(sure)):
+                from .appearance.flight import in_flight, is_shadow  # loaded where it is asked
+
+                scene = still_scene(frames)
+                if is_still(sure) or is_shadow(sure, frames, scene):
+                    flying = in_flight(frames, scene, self.settings.diameter, None)
+                    if flying is not None:
+                        return [replace(flying, notes=(FLYING,))]
             if sure is not first[0]:
                 self._enough = True
                 return self._refined([sure])

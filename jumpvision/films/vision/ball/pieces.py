@@ -73,6 +73,7 @@ def in_pieces(track: BallTrack, clicked: bool) -> BallTrack:
 def without(track: BallTrack, reason: NDArray[np.object_]) -> BallTrack:
     """The track with these flags, and no numbers where there is one."""
     flag: NDArray[np.str_] = reason.astype(np.str_)
+
     def kept(values: Array | None) -> Array | None:
         return None if values is None else np.where(flag == "", values, np.nan)
 

@@ -349,18 +349,20 @@ class BallTracker:
 
     def _at(self, found: Found) -> None:
         x, y = found.x, found.y
-        moves = self.last is not None and math.hypot(x - self.last[0], y - self.last[1]) > MOVES * found.diameter
-        if found.p is not None and (moves or self.grey[2] == 0):  # a hand that holds it changes it
+        moves = self.grey[2] == 0
+        if self.last is not None:
+            n = self.lost + 1
+            vx, vy = (x - self.last[0]) / n, (y - self.last[1]) / n
+            speed = math.hypot(vx, vy)
+            moves = moves or n * speed > MOVES * found.diameter
+            if speed > self.fastest and (self.velocity is None or n == 1):
+                self.fastest = speed
+            self.velocity = vx, vy
+        if moves and found.p is not None:  # a hand that holds it changes it
             grey, (mean, off, rows) = float(found.p[A]), self.grey
             share = 1.0 / (1 + min(rows, STEADY))
             mean += share * (grey - mean)
             self.grey = mean, off + share * (abs(grey - mean) - off), rows + 1
-        if self.last is not None:
-            n = self.lost + 1
-            vx, vy = (x - self.last[0]) / n, (y - self.last[1]) / n
-            if self.velocity is None or not self.lost:
-                self.fastest = max(self.fastest, math.hypot(vx, vy))
-            self.velocity = vx, vy
         self.last, self.lost, self.d = (x, y), 0, self.measurer.mean_diameter
 
     def _miss(self, found: Found) -> Found:
