@@ -347,13 +347,22 @@ def clips(a: argparse.Namespace) -> None:
         print("\n".join(r[2] for r in sorted(rows)))
     total = len(rows)
     counts = [sum(r[0] == k for r in rows) for k in range(5)]
+    heads = (
+        "films",
+        "found",
+        "part of the frames",
+        "refused",
+        "false, and a doubt told",
+        "silently false",
+        "such rows",
+    )
     found = f"{counts[4]} of {total} ({interval(counts[4], total)})"
-    print(
-        "| films | found | part of the frames | refused | false, and a doubt told | with a silently false row | such rows |\n|---|---|---|---|---|---|---|"
-    )
-    print(
-        f"| {a.family or 'mix'}, {'clicked' if a.click else 'no click'}, seed {a.seed} | {found} | {counts[3]} | {counts[2]} | {counts[1]} | {counts[0]} | {wrong} of {good} |"
-    )
+    how = f"{a.family or 'mix'}, {'clicked' if a.click else 'no click'}, seed {a.seed}"
+    print(row(*heads), "|---" * len(heads) + "|", row(how, found, *counts[3::-1], f"{wrong} of {good}"), sep="\n")
+
+
+def row(*cells: object) -> str:
+    return "| " + " | ".join(map(str, cells)) + " |"
 
 
 CUTS = (150, 250, 400, 700)
@@ -389,12 +398,16 @@ def longer(a: argparse.Namespace) -> None:
                 file=sys.stderr,
                 flush=True,
             )
-    print(
-        "| films cut at "
-        + ", ".join(map(str, CUTS))
-        + " | all rows identical | rows found in one cut only | rows at another place | farthest, sigma |\n|---|---|---|---|---|"
+    heads = (
+        f"films cut at {CUTS}",
+        "all identical",
+        "rows found in one cut only",
+        "at another place",
+        "farthest, sigma",
     )
-    print(f"| seed {a.seed} | {same_films} of {a.clips} | {states} of {shared} | {places} of {shared} | {worst:.3g} |")
+    same = f"{same_films} of {a.clips}"
+    counts = f"{states} of {shared}", f"{places} of {shared}", f"{worst:.3g}"
+    print(row(*heads), "|---" * len(heads) + "|", row(f"seed {a.seed}", same, *counts), sep="\n")
 
 
 def main() -> None:

@@ -6,6 +6,7 @@ import itertools
 import math
 from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -18,8 +19,8 @@ from jumpvision.films.vision.ball.moving import HOLE, MOST_FRAMES, Path, Spot, a
 from jumpvision.films.vision.ball.reasons import GOOD, Flag, Reason
 from jumpvision.films.vision.ball.track import BallTrack, as_track
 
-from .joint import adjusted
-from .layer import Layer, Place, fit, learned
+if TYPE_CHECKING:
+    from .layer import Layer, Place
 
 FLIGHT, SURE = 6, 0.7  # frames of a path that nobody clicked, and share of them that must fit
 BESIDE, DARKER = (0.6, 2.5), 1.4  # diameters between a ball and its shadow; of a shadow's change, the ball's
@@ -43,6 +44,9 @@ def in_flight(
         path = _path(frames, scene, size, seed)
     if path is None:
         return None
+    from .joint import adjusted  # loaded where something flies
+    from .layer import learned
+
     d = path[0].d
     known_layer = learned(frames, scene, path, d)
     # a ball is not more than a third larger or smaller than the diameter given
@@ -169,6 +173,8 @@ def _size(frames: Frames, scene: Float32, path: Path) -> float:
 
 def _everywhere(frames: Frames, scene: Float32, path: Path, layer: Layer, known: dict[int, Place]) -> list[Place]:
     """Every frame's fit: from those that taught, on along the path and beyond its ends, where the last ones lead."""
+    from .layer import fit
+
     spots, fastest, look = {s.i: s for s in path}, _fastest(path), _Things(scene, layer.d)
     done: dict[int, Place] = {}
     middle = sorted(known)[len(known) // 2]
