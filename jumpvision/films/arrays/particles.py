@@ -60,6 +60,8 @@ def particles(
     steps; its sigma is the scatter between particles. NaN where no path has three frames in a row.
 
     Raises InputError for a bad call or without trackpy, ValueError for what is no stack of grey images.
+
+    Example: jv.particles(frames, diameter=9, frame_rate=50.0, scale=2e-7).diffusion
     """
     _check(diameter, frame_rate, scale, polarity, search, memory, shortest)
     tp = _trackpy()
