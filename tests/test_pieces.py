@@ -1,4 +1,4 @@
-"""Rows that are no part of a ball's way are flagged; those that are stay as they are. Tracks written down, not drawn."""
+"""Rows that are no part of a ball's way are flagged; those that are stay. Tracks written down, not drawn."""
 
 from __future__ import annotations
 
