@@ -23,6 +23,7 @@ VERBS = {  # name: the module that has it
     "ringdown": "estimate.oscillation",
     "flights": "estimate.free_flight",
     "triangulate": "films.arrays.space",
+    "particles": "films.arrays.particles",
 }
 TYPES = {  # what diagnose takes of a user's own simulator
     "Recording": "engine",

@@ -14,6 +14,7 @@ from .api import plan as plan
 from .estimate.oscillation import ringdown as ringdown
 from .estimate.free_flight import flights as flights
 from .films.arrays.space import triangulate as triangulate
+from .films.arrays.particles import particles as particles
 from .engine import Recording as Recording
 from .engine import Study as Study
 from .engine import Parameter as Parameter

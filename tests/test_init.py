@@ -16,7 +16,9 @@ from conftest import SAMPLES
 from jumpvision.cli import main
 from jumpvision.experiment.init.measure import law
 from jumpvision.experiment.init.recognise import recordings
+from jumpvision.experiment.init.text import Choices, init
 from jumpvision.experiment.inputs.experiment import open_experiment
+from jumpvision.experiment.inputs.logs import read_log
 from jumpvision.films.frames import open_frames
 
 FILM = SAMPLES / "loose_sand" / "stutter-7.0Hz-film"
@@ -207,3 +209,37 @@ def test_a_folder_without_recordings_says_what_it_needs(tmp_path, capsys):
     assert main(["init", str(tmp_path)]) == 2
     assert "needs a film, a picture or a table" in capsys.readouterr().err
     assert main(["init", str(tmp_path / "none")]) == 2
+
+
+def test_pairs_tracks_series_and_channels_are_what_they_are(tmp_path):
+    """A and B are a pair, a table of Tracker is a track, vector files are one series whatever follows their number,
+    channels of LabVIEW are told by their units."""
+    for name in ("pair", "track", "series", "push"):
+        (tmp_path / name).mkdir()
+    grains = cv2.GaussianBlur(np.random.default_rng(1).normal(100, 60, (120, 120)), (0, 0), 1.2)
+    for letter, shift in (("A", 0), ("B", 3)):
+        picture = np.clip(np.roll(grains, shift, 1), 0, 255).astype(np.uint8)
+        cv2.imwrite(str(tmp_path / "pair" / f"caseframe{letter}.png"), picture)
+    rows = "".join(f"{0.04 * i:.2f}\t{i}\t{10 * i - i**2}\n".replace(".", ",") for i in range(9))
+    (tmp_path / "track" / "toss.txt").write_text("mass A\t\t\nt\tx\ty\n" + rows)
+    field = "".join(f"{x} {y} 1.0 {0.1 * y} 0\n" for y in (0, 8, 16) for x in (0, 8, 16))
+    for i in (1, 2):
+        (tmp_path / "series" / f"run_{i:03d}_b.txt").write_text(field)
+    head = "LabVIEW Measurement\t\nWriter_Version\t2\nReader_Version\t2\nSeparator\tTab\nDecimal_Separator\t.\n"
+    head += "Multi_Headings\tYes\nX_Columns\tNo\n***End_of_Header***\t\n\t\nChannels\t2\t\t\nSamples\t4\t4\t\n"
+    head += "Y_Unit_Label\tNewtons\tmm\t\nX_Dimension\tTime\tTime\t\nX0\t0.0\t0.0\t\nDelta_X\t0.001\t0.001\t\n"
+    head += "***End_of_Header***\t\t\t\nX_Value\tLoad\tDepth\tComment\n"
+    (tmp_path / "push" / "push.lvm").write_text(head + "".join(f"\t{0.1 * i}\t{i}.0\n" for i in range(4)))
+    found = {name: recordings(tmp_path / name, {})[0] for name in ("pair", "track", "series", "push")}
+    assert {n: [(r.section, r.file) for r in f] for n, f in found.items()} == {
+        "pair": [("grain_video", "caseframe[AB].png")],
+        "track": [("rod_track", "toss.txt")],
+        "series": [("piv_field", "run_*_b.txt")],
+        "push": [("intrusion_log", "push.lvm")],
+    }
+    assert found["push"][0].values["columns"][0] == {"depth_m": "Depth", "force_N": "Load"}
+    init(tmp_path / "track", Choices())
+    log = open_experiment(tmp_path / "track").sections["rod_track"]
+    read = read_log(log, "time_s", "height_m")
+    np.testing.assert_allclose(read.time_s, 0.04 * np.arange(9))
+    np.testing.assert_allclose(read.height_m, 10 * np.arange(9) - np.arange(9.0) ** 2)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import csv
+import math
 import re
 import warnings
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,8 @@ from typing import Any
 from jumpvision.base.arrays import Image
 from jumpvision.base.schema import InputError, StageWarning
 from jumpvision.experiment.inputs.channels import READERS as CHANNELS
+from jumpvision.experiment.inputs.held import Channel
+from jumpvision.experiment.inputs.tracker import is_tracker
 from jumpvision.films.frames import Film, FrameError, open_frames
 from jumpvision.films.frames.opening import READERS
 from jumpvision.films.frames.pictures import SUFFIXES
@@ -33,6 +36,8 @@ WORDS = {  # section: words in the name of a film or picture
 FILMS = ("rod_video", "grain_video")
 PICTURES = ("bed_image", "crater_image")
 FIELDS = (".nc", ".mat")
+VECTORS = (".txt", ".vec")  # one field a file
+PAIR = re.compile(r"\[(AB|ab)\]\.\w+$")  # caseframeA, caseframeB
 TABLES = (".xls", ".xlsx", ".ods", ".dat")
 IGNORED = ("", ".toml", ".json", ".md", ".cih", ".cihx", ".py", ".ipynb", ".html", ".pdf", ".docx")
 GUESSED = "guessed from what it shows: write another section if it is something else"
@@ -91,22 +96,42 @@ def candidates(folder: Path) -> Iterator[str]:
             kinds = {g.suffix.lower() for g in f.iterdir() if g.is_file() and not g.name.startswith(".")}
             if (kinds and kinds <= {*SUFFIXES}) or kinds == {".txt"} or kinds == {".vec"}:
                 yield f.name
+        elif f.suffix.lower() in VECTORS and (m := re.fullmatch(r"(.*?)[0-9]+(\D*)", f.stem)):
+            series.setdefault(f"{m[1]}*{m[2]}{f.suffix}", []).append(f)
         elif m := re.fullmatch(r"(.*?)[0-9]+", f.stem):
             series.setdefault(f"{m[1]}*{f.suffix}", []).append(f)
+        elif m := re.fullmatch(r"(.*?)([ABab])", f.stem):
+            both = "[AB]" if m[2] in "AB" else "[ab]"
+            series.setdefault(f"{m[1]}{both}{f.suffix}", []).append(f)
     numbered = {
         f
         for p, s in series.items()
-        # three numbered pictures make a film
-        if len(s) >= 3 and set(folder.glob(p)) == set(s) and s[0].suffix.lower() in (*SUFFIXES, ".txt", ".vec")
+        if len(s) >= _fewest(p, s[0]) and set(folder.glob(p)) == set(s) and not any(map(_is_track, s))
         for f in s
     }
     yield from (pattern for pattern, s in series.items() if s[0] in numbered)
     yield from (f.name for f in files if f.is_file() and f not in numbered and f.suffix.lower() not in IGNORED)
 
 
+def _fewest(pattern: str, file: Path) -> float:
+    """Files that a series has: three numbered pictures make a film, A and B a pair, two fields of vectors a series."""
+    if file.suffix.lower() in VECTORS:
+        return 2
+    if file.suffix.lower() not in SUFFIXES:
+        return math.inf
+    return 2 if PAIR.search(pattern) else 3
+
+
+def _is_track(path: Path) -> bool:
+    return path.suffix.lower() in (".txt", ".csv") and is_tracker(path)
+
+
 def recognised(folder: Path, name: str, section: str | None) -> Recording:
     """What one of the candidates is. InputError or FrameError where it cannot be used."""
     path, suffix = folder / name, Path(name).suffix.lower()
+    if path.is_file() and _is_track(path):
+        columns = ({"time_s": "t", "height_m": "y"}, "t and y of Tracker, its lengths in metres")
+        return Recording("rod_track", name, "a table of Tracker", {"columns": columns})
     if suffix == ".csv":
         return _table(path, name)
     if suffix in CHANNELS and (suffix not in FIELDS or not _is_field(path)):
@@ -142,10 +167,14 @@ def _channels(path: Path, name: str) -> Recording:
     read = CHANNELS[path.suffix.lower()]
     names = read(path, ()).names
     bare = {n.rsplit("/", 1)[-1] for n in names} if path.suffix.lower() == ".tdms" else set(names)
-    held = read(path, names).channels.values()
+    held = list(read(path, names).channels.values())
     timed = {"time_s"} if any(c.clock is not None or c.untimed for c in held) else set()
     if (section := _log_with(bare | timed)) is not None:
         return Recording(section, name, f"channels {', '.join(names)}")
+    if (by_unit := _by_unit(held, bool(timed))) is not None:
+        section, columns = by_unit
+        values = {"columns": (columns, "by their units: check")}
+        return Recording(section, name, f"channels {', '.join(names)}", values)
     raise InputError(
         [
             # channels named in a message
@@ -154,6 +183,35 @@ def _channels(path: Path, name: str) -> Recording:
             "(docs/bring_your_own_data.md)"
         ]
     )
+
+
+def _by_unit(held: Sequence[Channel], timed: bool) -> tuple[str, dict[str, str]] | None:
+    """The log that timed channels make by their units, each channel the first of its kind: depth and force, or the
+    motor's way; None where there is none."""
+    units = {"position_m": "m", "force_N": "N"}
+    found: dict[str, str] = {}
+    for c in held:
+        for column, unit in units.items():
+            if column not in found and _is_unit(c.unit, unit):
+                found[column] = c.name
+    if not timed or "position_m" not in found:
+        return None
+    if "force_N" not in found:
+        return "motor_log", found
+    return "intrusion_log", {"depth_m": found["position_m"], "force_N": found["force_N"]}
+
+
+SPELT = {"newton": "N", "newtons": "N", "meter": "m", "meters": "m", "metre": "m", "metres": "m"}
+
+
+def _is_unit(stated: str, unit: str) -> bool:
+    from jumpvision.engine.laws.dimension import factor
+    from jumpvision.engine.laws.tree import LawError
+
+    try:
+        return bool(stated) and factor(SPELT.get(stated.lower(), stated), unit) > 0
+    except LawError:
+        return False
 
 
 def _is_field(path: Path) -> bool:
@@ -203,7 +261,7 @@ def _film(path: Path, name: str, section: str | None) -> Recording:
     film, timed = opened(path)
     with film:
         n, shape, bits = len(film), film.shape, film.meta.get("bit_depth")
-        known_as = section or _by_name(name, n)
+        known_as = section or _by_name(name, n) or ("grain_video" if PAIR.search(name) and n == 2 else None)
         section = known_as or by_picture(film)
         known = {k: film.meta[k] for k in ("exposure_s", "camera") if film.meta.get(k)}
         rate = 1.0 / float(np.median(np.diff(film.time))) if timed and n > 1 else None

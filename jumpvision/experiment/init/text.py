@@ -115,9 +115,12 @@ def line_of(key: str, value: object, why: str) -> str:
 def item_of(key: str, value: object, why: str) -> Item:
     """The value for a TOML document, its comment in the column of all."""
     made = tomlkit.item(value)
+    if isinstance(value, Mapping):
+        made = tomlkit.inline_table()
+        made.update(value)
     if why:
         made.comment(_comment(why))
-        made.trivia.comment_ws = " " * max(WIDTH - len(f"{key} = {made.as_string()}"), 0)
+        made.trivia.comment_ws = " " * max(WIDTH - len(f"{key} = {made.as_string()}"), 2)
     return made
 
 

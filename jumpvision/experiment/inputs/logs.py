@@ -14,6 +14,7 @@ from jumpvision.base.storage import irregular
 from .channels import BAGS, READERS
 from .held import Channel, Held, tell
 from .recordings import LogSection
+from .tracker import is_tracker, tracker
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -195,6 +196,8 @@ def _held(path: Path, asked: Collection[str], columns: tuple[str, ...]) -> Held:
             [f"{path}: {size / 1e9:.1f} GB; logs of at most {LARGEST / 1e9:g} GB are read: keep the part that matters"]
         )
     reader = READERS.get(path.suffix.lower())
+    if path.suffix.lower() in (".txt", ".csv") and is_tracker(path):
+        reader = tracker
     return reader(path, asked) if reader else _table(path, asked, columns)
 
 

@@ -14,11 +14,10 @@ from jumpvision.base.arrays import Image
 from jumpvision.base.progress import watch
 from jumpvision.films.frames.base import Frames
 
-from .appearance.flight import in_flight, is_shadow
-from .appearance.template import track_template
 from .background import LEAST_VIEWS, SceneSum, View, Window
 from .measure import AS_THEY_ARE, Block, Found, window_half
-from .moving import MOST_FRAMES, AtHand
+from .moving import MOST_FRAMES, AtHand, still_scene
+from .pieces import in_pieces
 from .reasons import Flag, Reason
 from .refine import refined
 from .track import BallSettings, BallTrack, BallTracker, as_track
@@ -123,7 +122,12 @@ class FilmTracker:
 
     def finish(self, frames: Frames) -> list[BallTrack]:
         """The tracks, the first ball's first. frames: the same film, for what was not kept of it."""
+        return [in_pieces(t, s.seed is not None) for t, s in zip(self._tracks(frames), self._settings, strict=True)]
+
+    def _tracks(self, frames: Frames) -> list[BallTrack]:
         if self.settings.method == "template":
+            from .appearance.template import track_template
+
             return [track_template(frames, s) for s in self._settings]
         kept = AtHand(frames, self._samples.all, [w[0] for w in self._windows])
         with ThreadPoolExecutor(1) as thread:  # each is half of the work that is left
@@ -139,11 +143,15 @@ class FilmTracker:
         if len(first) == 1:
             sure = validated(first[0], frames, self.settings)
             dark = self.settings.polarity == "dark"
-            unsure = self.settings.seed is None and self.still and len(frames) <= MOST_FRAMES
-            if unsure and (is_still(sure) or (dark and is_shadow(sure, frames))):
-                flying = in_flight(frames, self.settings.diameter, None)
-                if flying is not None:
-                    return [replace(flying, notes=(FLYING,))]
+            unsure = self.settings.seed is None and self.still
+            if unsure and (dark or is_still(sure)):
+                from .appearance.flight import in_flight, is_shadow  # loaded where it is asked
+
+                scene = still_scene(frames)
+                if is_still(sure) or is_shadow(sure, frames, scene):
+                    flying = in_flight(frames, scene, self.settings.diameter, None)
+                    if flying is not None:
+                        return [replace(flying, notes=(FLYING,))]
             if sure is not first[0]:
                 self._enough = True
                 return self._refined([sure])
@@ -250,5 +258,7 @@ def _stride(i: int) -> int:
 
 
 def _better(first: BallTrack, again: BallTrack) -> bool:
-    lost = np.count_nonzero(again.flag != "") > np.count_nonzero(first.flag != "")
-    return not (lost or np.nanmedian(again.sigma) > np.nanmedian(first.sigma))
+    """Whether a second track loses no more of the first frames, and is no less certain there."""
+    look = slice(0, MOST_FRAMES)
+    lost = np.count_nonzero(again.flag[look] != "") > np.count_nonzero(first.flag[look] != "")
+    return not (lost or np.nanmedian(again.sigma[look]) > np.nanmedian(first.sigma[look]))

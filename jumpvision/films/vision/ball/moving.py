@@ -7,7 +7,6 @@ one frame after the other where the motion so far leads.
 
 from __future__ import annotations
 
-import itertools
 import math
 import threading
 from collections.abc import Mapping, Sequence
@@ -15,8 +14,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from jumpvision.base.arrays import MAD, Float32, Image
+from jumpvision.base.threads import shared
 from jumpvision.films.frames.base import Frames
 
 from .background import View, Window
@@ -81,10 +82,40 @@ Path = tuple[Spot, ...]  # in the order of frames
 
 
 def still_scene(frames: Frames) -> Float32:
-    """Median grey of each pixel over SAMPLED frames, evenly spaced."""
-    which = np.unique(np.linspace(0, len(frames) - 1, min(SAMPLED, len(frames))).astype(int))
-    stack = np.stack([np.asarray(frames[int(i)], dtype=np.float32) for i in which])
-    return np.median(stack, axis=0).astype(np.float32)
+    """Median grey of each pixel over SAMPLED of the first MOST_FRAMES frames, evenly spaced."""
+    stack = np.stack([np.asarray(frames[int(i)]) for i in _sampled(frames)])
+    if stack.dtype not in (np.uint8, np.uint16):
+        return np.median(stack.astype(np.float32), axis=0).astype(np.float32)
+    out: Float32 = np.zeros(stack.shape[1:], np.float32)
+    _medians(len(out), stack, 8 * stack.dtype.itemsize, out)
+    return out
+
+
+def _sampled(frames: Frames) -> NDArray[np.int64]:
+    """SAMPLED of the first MOST_FRAMES frames: what a longer film shows does not change what a shorter one gave."""
+    n = min(len(frames), MOST_FRAMES)
+    return np.unique(np.linspace(0, n - 1, min(SAMPLED, n)).astype(int))
+
+
+@shared()
+def _medians(first, last, stack, bits, out):  # type: ignore[no-untyped-def]
+    """Of rows first to last - 1 of a stack (n, rows, columns) of whole grey levels, bit by bit from the highest: the
+    middle value is the largest that no more than half of the others are below."""
+    n, columns = len(stack), out.shape[1]
+    value, below = np.zeros(columns, np.int32), np.zeros(columns, np.int32)
+    for row in range(first, last):
+        for rank in ((n - 1) // 2, n // 2):
+            value[:] = 0
+            for bit in range(bits - 1, -1, -1):
+                below[:] = 0
+                for i in range(n):
+                    for c in range(columns):
+                        below[c] += np.int32(stack[i, row, c]) < value[c] + (1 << bit)
+                for c in range(columns):
+                    if below[c] <= rank:
+                        value[c] += 1 << bit
+            for c in range(columns):
+                out[row, c] += 0.5 * value[c]
 
 
 def spots(i: int, image: Image, scene: Float32, diameter: float | None, polarity: str, least: float) -> list[Spot]:
@@ -127,7 +158,8 @@ def paths(by_frame: Mapping[int, Sequence[Spot]]) -> list[Path]:
                 for c in (s for j in (b.i + 1, b.i + 2) for s in by_frame.get(j, ())):
                     if _like(b, c) and _straight(a, b, c):
                         found.append(_longer([a, b, c], by_frame))
-                        joined |= {(id(s), id(t)) for s, t in itertools.pairwise(found[-1])}
+                        for m in (1, 2):  # a pair that leaves one out tells nothing more
+                            joined |= {(id(s), id(t)) for s, t in zip(found[-1], found[-1][m:])}
     # a path has at least four frames
     found = [p for p in found if len(p) >= 4 and extent(p) > FAR]
     found.sort(key=lambda p: (-len(p), -float(np.median([s.contrast for s in p]))))
@@ -224,7 +256,7 @@ def elsewhere(
     """Where (x, y) something as large as the ball moves, BESIDE diameters or more away from it, in SAMPLED frames; None
     where nothing does in TOLD of them."""
     told: list[tuple[float, float]] = []
-    which = np.unique(np.linspace(0, len(frames) - 1, min(SAMPLED, len(frames))).astype(int))
+    which = _sampled(frames)
     for i in which:
         off = np.abs(np.asarray(frames[int(i)], dtype=np.float32) - scene)
         noise = float(np.median(off)) / MAD

@@ -31,6 +31,7 @@ class Reason(Enum):
     NO_BALL = "lost: no ball found"
     WHICH = "lost: {} balls, at {}; give a seed or the diameter"
     ALIKE = "lost: {} balls alike"
+    OTHER_GREY = "lost: what is there has a grey of {:.3g} instead of {:.3g}"
     LEFT = "lost: left the image"
     HIDDEN = "lost: hidden"
     OTHER_BALL = "lost: at another ball"

@@ -17,10 +17,16 @@ from .background import Background, View
 from .measure import AS_THEY_ARE, Block, DiscMeasure, Found, Start, ThresholdMeasure, span
 from .reasons import COVERED, GOOD, Flag, Reason
 from .search import Blob, find_blobs
-from .unknowns import WX, WY
+from .unknowns import WX, WY, A, B
 
 POLARITIES = ("bright", "dark")
 LEAVES = 2.0  # steps before the border from which a ball that is lost has left the image
+# of the contrast, where the ball was expected and elsewhere; mean distances: a thing found again is another
+OTHER_GREY, SCATTER = (0.08, 0.04), 6.0
+STEADY, KNOWN = 10, 4  # rows that the ball's grey is the mean of; from which on it is known
+MOVES, PLACE = 0.1, 0.2  # diameters from frame to frame: a ball that moves; a thing that stands
+LONG = 6  # frames lost, after whose reach a ball is no longer known by its way
+UNKNOWN = 4.0  # diameters a frame: half of what a ball, seen once, may fly
 METHODS = ("disc", "threshold", "template")
 
 
@@ -31,6 +37,7 @@ class BallTrack:
     x, y, sigma, diameter, chi2: (n,) [px; chi2 per degree of freedom, NaN for the threshold method].
     sigma: standard uncertainty of each coordinate, the larger of the two where they differ (along a streak).
     flag: (n,) of str, "" when good, else the reason; the numbers are NaN then. notes: what a user should know of it.
+    grey, contrast: (n,) of the ball, and against what is behind it [grey]; None where no disc was fitted.
     """
 
     x: NDArray[np.float64]
@@ -40,6 +47,8 @@ class BallTrack:
     chi2: NDArray[np.float64]
     flag: NDArray[np.str_]
     notes: tuple[str, ...] = ()
+    grey: NDArray[np.float64] | None = None
+    contrast: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True)
@@ -86,7 +95,11 @@ def as_track(found: Sequence[Found]) -> BallTrack:
     good = [f if not f.flag else Found(f.flag) for f in found]
     numbers = np.array([(f.x, f.y, f.sigma, f.diameter, f.chi2) for f in good], dtype=np.float64).reshape(-1, 5)
     x, y, sigma, size, chi2 = numbers.T.copy()
-    return BallTrack(x, y, sigma, size, chi2, np.array([str(f.flag) for f in good], dtype=np.str_))
+    flag = np.array([str(f.flag) for f in good], dtype=np.str_)
+    if not any(f.p is not None for f in good):
+        return BallTrack(x, y, sigma, size, chi2, flag)
+    levels = np.array([(f.p[A], f.p[A] - f.p[B]) if f.p is not None else (np.nan, np.nan) for f in good])
+    return BallTrack(x, y, sigma, size, chi2, flag, grey=levels[:, 0], contrast=levels[:, 1])
 
 
 class BallTracker:
@@ -105,6 +118,11 @@ class BallTracker:
         self.last: tuple[float, float] | None = None
         self.velocity: tuple[float, float] | None = None  # px a frame
         self.lost = 0  # frames since the last good one
+        self.grey = (0.0, 0.0, 0)  # running mean of the ball's grey, and of its distance from that; rows of it
+        self.fastest = 0.0  # px a frame, so far
+        self.view: View | None = None  # the frame that is looked at
+        self.before: View | None = None  # the one that the ball was last seen in
+        self.others: list[tuple[float, float]] | None = None  # balls beside it there, once asked for
         self.rivals: list[tuple[float, float]] = []
         self.trust = False  # hints are right also after frames without the ball
 
@@ -118,7 +136,9 @@ class BallTracker:
             return []
         found = self.measurer.follow(block, first, shape, scene, self.search)
         for f in found:
-            self._at(f.x, f.y)
+            self._at(f)
+        if found:
+            self.before = None
         return found
 
     def next(self, image: Image) -> Found | None:
@@ -130,10 +150,14 @@ class BallTracker:
         window = image[y0:y1, x0:x1].copy()[None]
         block = Block(window, np.array([(x0, y0)]), np.array([(start.x, start.y, start.wx, start.wy)]))
         found = self.follow(block, 0, (height, width), None)
-        return found[0] if found else None
+        if not found:
+            return None
+        self.before, self.others = View.of(image), None
+        return found[0]
 
     def look(self, view: View, hint: Found | None = None, others: Sequence[tuple[float, float]] = ()) -> Found:
         """The same without taking note; `keep` must follow. others: where other balls are expected."""
+        self.view = view
         if self.last is None:
             return self._at_hint(view, hint) or self._first(view, others)
         start = self._predicted()
@@ -150,6 +174,8 @@ class BallTracker:
 
     def keep(self, found: Found) -> Found:
         """Takes note of a measurement: the next frame is predicted from it."""
+        if not found.flag:
+            self.before, self.others = self.view, None
         return self._miss(found) if found.flag else self._take(found)
 
     @property
@@ -204,8 +230,13 @@ class BallTracker:
     def _again(self, view: View, predicted: Start, flag: Flag, others: Sequence[tuple[float, float]]) -> Found:
         """Search around the prediction in a window that grows with every lost frame, to the whole image in the end."""
         x, y, d = predicted.x, predicted.y, predicted.d
-        reach = self.search * d * (self.lost + 1)
-        whole = self.lost > 0  # the first miss looks in the window only: most end there
+        n = self.lost + 1
+        reach = self.search * d * n
+        # a ball that bounces goes anywhere within its way; of one seen once, nobody knows how fast it is
+        far = reach + 2.0 * n * (self.fastest if self.velocity else UNKNOWN * d)
+        outside = not (0 <= x < view.shape[1] and 0 <= y < view.shape[0])
+        # the first miss of a slow ball looks in the window only: most end there
+        whole = self.lost > 0 or outside or far > 2.0 * reach
         x0 = y0 = 0
         if whole:
             part = view.everything()
@@ -227,10 +258,23 @@ class BallTracker:
                 found.append(f)
             elif f.flag.reason in COVERED:
                 covered.append((math.hypot(f.x - x, f.y - y), f.flag))
-        ours = self._not_rivals(_distinct(found), predicted, reach)
-        ours = [f for f in ours if not _nearer(f, others, (x, y))]
+        free, apart = self._not_rivals(_distinct(found), predicted, reach, far)
+        free = [f for f in free if not _nearer(f, others, (x, y))]
+        ours = [f for f in free if self._like(f)]
+        if strange := [f for f in free if not self._like(f)]:
+            grey = self.grey[0]
+            flag = Flag(Reason.OTHER_GREY, (float(strange[0].p[A]) if strange[0].p is not None else grey, grey))
+        near = [f for f in ours if math.hypot(f.x - x, f.y - y) <= reach]
+        if near and math.hypot(near[0].x - x, near[0].y - y) > LONG * self.search * d and self._another(found):
+            near = ours = []
+        elif not near:  # somewhere else: it must be the ball for sure
+            ours = [] if self._another(found) else [f for f in ours if self._like(f, sure=True)]
+            alike = len(ours) + sum(self._like(f) for f in apart)
+            if ours and alike > 1:
+                return Found(Flag(Reason.ALIKE, (alike,)))
+        ours = near or ours
         if not ours:
-            return Found(Flag(Reason.LEFT) if self._left(view.shape, x, y) else flag)
+            return Found(Flag(Reason.LEFT) if not strange and self._left(view.shape, x, y) else flag)
         away = [math.hypot(f.x - x, f.y - y) for f in ours]
         nearest = min(covered, key=lambda c: c[0], default=(math.inf, GOOD))
         if nearest[0] < min(away[0] - 0.25 * d, 0.75 * d):
@@ -239,6 +283,29 @@ class BallTracker:
         if len(ours) > 1 and away[1] < away[0] + 0.5 * d * self.lost:
             return Found(Flag(Reason.ALIKE, (len(ours),)))
         return ours[0]
+
+    def _another(self, found: Sequence[Found]) -> bool:
+        """Whether beside the ball, when it was last seen, there was another that does not stand where it stood: found
+        now, it is not the ball."""
+        if self.others is None:
+            view, last = self.before, self.last
+            if view is None or last is None:
+                return False
+            starts = (_start(b, self.streak) for b in self._blobs(view.everything()))
+            fits = (self.measurer.measure(view, start, fresh=True) for start in starts)
+            self.others = [
+                (f.x, f.y)
+                for f in fits
+                if not f.flag and self._like(f) and math.hypot(f.x - last[0], f.y - last[1]) > 0.5 * f.diameter
+            ]
+        return any(all(math.hypot(f.x - x, f.y - y) > PLACE * f.diameter for f in found) for x, y in self.others)
+
+    def _like(self, found: Found, sure: bool = False) -> bool:
+        """Whether what was found again has the ball's grey, as far as that was steady."""
+        if found.p is None or self.grey[2] < KNOWN:
+            return True
+        most = max(OTHER_GREY[sure] * abs(float(found.p[A] - found.p[B])), SCATTER * self.grey[1])
+        return abs(float(found.p[A]) - self.grey[0]) < most * (1.0 + self.lost / 5.0)  # light changes on the way
 
     def _left(self, shape: tuple[int, int], x: float, y: float) -> bool:
         """Whether the ball, expected at (x, y), is beyond the border, and was LEAVES steps from it or less."""
@@ -249,9 +316,13 @@ class BallTracker:
         next_x, next_y = self.last[0] + LEAVES * speed[0], self.last[1] + LEAVES * speed[1]
         return not (self.d < next_x < shape[1] - 1 - self.d and self.d < next_y < shape[0] - 1 - self.d)
 
-    def _not_rivals(self, found: list[Found], predicted: Start, reach: float) -> list[Found]:
-        """Balls within reach of the prediction, nearest first, less those that a rival of the frame before explains."""
-        x, y = predicted.x, predicted.y
+    def _not_rivals(
+        self, found: list[Found], predicted: Start, reach: float, far: float
+    ) -> tuple[list[Found], list[Found]]:
+        """Balls within reach of the prediction or not too far from the last place, nearest to the prediction first, and
+        the others; less those that a rival of the frame before explains."""
+        assert self.last is not None
+        (x, y), (last_x, last_y) = predicted[:2], self.last
         free = sorted(found, key=lambda f: math.hypot(f.x - x, f.y - y))
         rivals: list[tuple[float, float]] = []
         for rx, ry in self.rivals:
@@ -259,8 +330,10 @@ class BallTracker:
             if near is not None and math.hypot(near.x - rx, near.y - ry) < min(self.search, 1.0) * predicted.d:
                 free.remove(near)
                 rivals.append((near.x, near.y))
-        self.rivals = rivals + [(f.x, f.y) for f in free if math.hypot(f.x - x, f.y - y) > reach]
-        return [f for f in free if math.hypot(f.x - x, f.y - y) <= reach]
+        away = [min(math.hypot(f.x - x, f.y - y) / reach, math.hypot(f.x - last_x, f.y - last_y) / far) for f in free]
+        within, apart = ([f for f, a in zip(free, away, strict=True) if (a <= 1) == inside] for inside in (True, False))
+        self.rivals = rivals + [(f.x, f.y) for f in apart]
+        return within, apart
 
     def _blobs(self, image: NDArray[np.generic]) -> list[Blob]:
         return find_blobs(
@@ -271,13 +344,25 @@ class BallTracker:
         if self.last is None:
             self.rivals = list(found.rivals)
         self.measurer.accept(found)
-        self._at(found.x, found.y)
+        self._at(found)
         return found
 
-    def _at(self, x: float, y: float) -> None:
+    def _at(self, found: Found) -> None:
+        x, y = found.x, found.y
+        moves = self.grey[2] == 0
         if self.last is not None:
             n = self.lost + 1
-            self.velocity = ((x - self.last[0]) / n, (y - self.last[1]) / n)
+            vx, vy = (x - self.last[0]) / n, (y - self.last[1]) / n
+            speed = math.hypot(vx, vy)
+            moves = moves or n * speed > MOVES * found.diameter
+            if speed > self.fastest and (self.velocity is None or n == 1):
+                self.fastest = speed
+            self.velocity = vx, vy
+        if moves and found.p is not None:  # a hand that holds it changes it
+            grey, (mean, off, rows) = float(found.p[A]), self.grey
+            share = 1.0 / (1 + min(rows, STEADY))
+            mean += share * (grey - mean)
+            self.grey = mean, off + share * (abs(grey - mean) - off), rows + 1
         self.last, self.lost, self.d = (x, y), 0, self.measurer.mean_diameter
 
     def _miss(self, found: Found) -> Found:

@@ -10,13 +10,14 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.base.arrays import Float32, Image
+from jumpvision.base.arrays import Array, Float32
 from jumpvision.films.frames.base import Frames
 from jumpvision.films.parameters import SMALLEST_BALL
 
 from .background import Background, View
 from .measure import DiscMeasure, Found, Start
 from .moving import MOST_FRAMES, AtHand, Path, Spot, at, elsewhere, moving_paths, still_scene
+from .pieces import without
 from .reasons import Flag, Reason
 from .track import BallSettings, BallTrack, BallTracker, as_track
 from .unknowns import A, B
@@ -38,7 +39,8 @@ def validated(track: BallTrack, frames: Frames, settings: BallSettings) -> BallT
     good = track.flag == ""
     d = float(np.median(track.diameter[good])) if good.any() else settings.diameter or SMALLEST_BALL
     still = is_still(track)
-    if still or np.mean(~good) > 0.15:  # so many lost: the film is searched for what moves
+    look = slice(0, MOST_FRAMES)  # what comes later does not change what is found there
+    if is_still(track, look) or np.mean(~good[look]) > 0.15:  # so many lost: the film is searched for what moves
         scene = still_scene(frames)
         paths = moving_paths(frames, scene, settings.diameter, settings.polarity, SMALLEST_BALL)
         # speeds that a path may have come unseen from the seed; the only one of the film more
@@ -51,7 +53,8 @@ def validated(track: BallTrack, frames: Frames, settings: BallSettings) -> BallT
             # of 12 frames the median is a scene to take out
             moving = follow(ours[0], frames, settings, scene if len(frames) >= 12 else None)
             # the search must find the ball moving in a tenth more frames
-            if (still and settings.seed is None) or _movers(moving, d) > 1.1 * _movers(track, d):
+            more = _movers(moving, d) > 1.1 * _movers(track, d)
+            if (still and settings.seed is None) or (more and _of_the_clicked(moving, track, settings, d)):
                 return _with_notes(
                     without_still_objects(moving, frames, settings), ours, still and bool(good.any()), track
                 )
@@ -66,13 +69,14 @@ def validated(track: BallTrack, frames: Frames, settings: BallSettings) -> BallT
                     return replace(track, notes=(*track.notes, doubt))
                 said = doubt + REMEDY
                 flag = np.where(good, said, track.flag)
-                return _without(replace(track, notes=(*track.notes, said)), flag)
+                return without(replace(track, notes=(*track.notes, said)), flag)
     return track
 
 
-def is_still(track: BallTrack) -> bool:
-    """Whether a track stays within a diameter, or was never found."""
-    good = track.flag == ""
+def is_still(track: BallTrack, look: slice = slice(None)) -> bool:
+    """Whether a track stays within a diameter in the frames looked at, or was never found."""
+    good = np.zeros(len(track.flag), bool)
+    good[look] = track.flag[look] == ""
     if not good.any():
         return True
     # a track that reaches less far than a diameter stands still
@@ -146,16 +150,22 @@ def without_still_objects(track: BallTrack, frames: Frames, settings: BallSettin
         if here is not None and all(t is not None and _same_object(here, t) for t in there):
             g = int(asked[0])
             flag[members] = STANDS.format(g, track.x[g], track.y[g])
-    return _without(track, flag) if (flag != track.flag).any() else track
+    return without(track, flag) if (flag != track.flag).any() else track
+
+
+def _of_the_clicked(moving: BallTrack, track: BallTrack, settings: BallSettings, d: float) -> bool:
+    """Whether what moves is not beside what was clicked, in the first frame."""
+    if settings.seed is None or track.flag[0] or moving.flag[0]:
+        return True
+    return math.hypot(moving.x[0] - track.x[0], moving.y[0] - track.y[0]) < d
 
 
 def _movers(track: BallTrack, d: float) -> int:
-    """Frames in which the ball is where it is in few others."""
-    good = track.flag == ""
-    step = 1 + int(np.count_nonzero(good)) // MOST_FRAMES
-    x, y = track.x[good][::step], track.y[good][::step]
+    """Of the first MOST_FRAMES frames, those in which the ball is where it is in few others."""
+    good = track.flag[:MOST_FRAMES] == ""
+    x, y = track.x[:MOST_FRAMES][good], track.y[:MOST_FRAMES][good]
     near = np.hypot(x[:, None] - x, y[:, None] - y) < PLACE * d
-    return step * int(np.count_nonzero(near.sum(axis=1) < STAYS + 1))
+    return int(np.count_nonzero(near.sum(axis=1) < STAYS + 1))
 
 
 def _begins(path: Path, seed: tuple[float, float], came: float) -> bool:
@@ -184,25 +194,29 @@ def _same_object(one: Found, two: Found) -> bool:
     return math.hypot(one.x - two.x, one.y - two.y) < 0.2 * one.diameter and 0.67 < a / b < 1.5
 
 
-def _without(track: BallTrack, reason: Image) -> BallTrack:
-    """The track with these flags, and no numbers where there is one."""
-    flag: NDArray[np.str_] = reason.astype(np.str_)
-    x, y, sigma, size, chi2 = (
-        np.where(flag == "", v, np.nan) for v in (track.x, track.y, track.sigma, track.diameter, track.chi2)
-    )
-    return BallTrack(x, y, sigma, size, chi2, flag, track.notes)
-
-
 def _with_notes(track: BallTrack, paths: Sequence[Path], stood: bool, before: BallTrack) -> BallTrack:
-    """With notes of what was not taken."""
+    """With notes of what was not taken: only of what was seen beside the ball."""
     notes = list(track.notes)
-    if stood:
-        good = before.flag == ""
-        x, y = np.median(before.x[good]), np.median(before.y[good])
-        notes.append(f"a ball-like thing at ({x:.0f}, {y:.0f}) stands still and was not taken: another moves")
+    rows = np.flatnonzero(before.flag == "")
+    if stood and rows.size >= 2:
+        x, y = np.median(before.x[rows]), np.median(before.y[rows])
+        if _beside(track, rows, before.x[rows], before.y[rows]):
+            notes.append(f"a ball-like thing at ({x:.0f}, {y:.0f}) stands still and was not taken: another moves")
     for p in paths[1:3]:
-        notes.append(
-            f"alternative: another ball moves from ({p[0].x:.0f}, {p[0].y:.0f}) in frame {p[0].i} through {len(p)} "
-            "frames; track.seed = [column, row] chooses"
-        )
+        rows = np.array([s.i for s in p])
+        if _beside(track, rows, np.array([s.x for s in p]), np.array([s.y for s in p])):
+            notes.append(
+                f"alternative: another ball moves from ({p[0].x:.0f}, {p[0].y:.0f}) in frame {p[0].i} through {len(p)} "
+                "frames; track.seed = [column, row] chooses"
+            )
     return replace(track, notes=tuple(notes))
+
+
+def _beside(track: BallTrack, rows: NDArray[np.int64], x: Array, y: Array) -> bool:
+    """Whether in half of the rows or more the track is known, and a diameter or more away from (x, y)."""
+    known = track.flag[rows] == ""
+    if not known.any():
+        return False
+    d = float(np.nanmedian(track.diameter[rows]))
+    away = np.hypot(track.x[rows][known] - x[known], track.y[rows][known] - y[known]) > d
+    return bool(2 * np.count_nonzero(away) >= rows.size)

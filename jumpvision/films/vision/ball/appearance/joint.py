@@ -12,28 +12,32 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
+from scipy.linalg.blas import dsyrk
 
 from jumpvision.base.arrays import FROM_MAD, Array, Float32, Image
+from jumpvision.base.threads import at_once
 from jumpvision.films.calibration import OUTLINE_RADIUS
 from jumpvision.films.frames.base import Frames
 from jumpvision.films.vision.ball.measure import Found
+from jumpvision.films.vision.ball.moving import MOST_FRAMES
 from jumpvision.films.vision.ball.reasons import GOOD, Flag, Reason
 
 from .layer import Layer, Place, shifted
+from .laying import FINE, FREE, lay
 
-FINE, OVER = 3, 2  # points of the picture to a pixel; of the disc that it is blurred from, to one of these
+OVER = 2  # points of the disc that a picture is blurred from, to one of the picture
 ROOM = 2.5  # px beyond the rim, that are fitted
 BLUR = 0.76, 0.35  # px: of a rim, first and least
 TURNS, REST, FIRST = 15, 0.2, 4  # of the fit; standard deviations of a place: the last; before which none is the last
 LARGEST = 0.3  # step of radius, blur [px] and exposure
-FREE = 0.1  # of the contrast, by which light and contrast may change from frame to frame, at first
 H = 0.02  # px: of differences by the radius and the blur
+STALE = 0.03  # px of radius and blur, from which each wave's picture is made anew
 
 
 @dataclass(frozen=True)
@@ -86,8 +90,11 @@ class _Face:
     def stack(self, s: _Shared) -> Float32:
         """(waves, k k): the first is the disc's share."""
         disc = self._disc(s.radius)
-        pictures = (disc * np.outer(self.cosine[k], self.cosine[j]) for j, k in zip(self.j, self.k_wave, strict=True))
-        return np.stack([self._blurred(p, s.blur).ravel() for p in pictures])
+
+        def wave(j: int, k: int) -> Float32:
+            return self._blurred(disc * np.outer(self.cosine[k], self.cosine[j]), s.blur).ravel()
+
+        return np.stack(at_once([partial(wave, j, k) for j, k in zip(self.j, self.k_wave, strict=True)]))
 
     def pair(self, s: _Shared, radius: float, blur: float) -> NDArray[np.float64]:
         """(2, k k): share and face for another radius and blur."""
@@ -99,21 +106,25 @@ class _Face:
 
 
 class _Pictures:
-    """What is laid in a frame: the stack (k k, waves); share, face and their derivatives, each (2, k k)."""
+    """What is laid in a frame: the stack (k k, waves), of a radius and blur (`of`) that may be STALE; laid (k k, 12):
+    share and face, then their derivatives."""
 
-    def __init__(self, face: _Face, s: _Shared):
-        self.k = face.k
-        stack = face.stack(s)
-        self.value = np.stack([stack[0], s.waves @ stack]).astype(np.float64)
-        self.stack = np.ascontiguousarray(stack.T)
-        square = self.value.reshape(2, face.k, face.k)
-        self.by_u, self.by_v = (_slope(square, axis).reshape(2, -1) for axis in (2, 1))
+    def __init__(self, face: _Face, s: _Shared, before: _Pictures | None = None):
+        value = face.pair(s, s.radius, s.blur)
+        self.of, self.stack = (s.radius, s.blur), np.zeros((0, 0), np.float32)
+        if before is not None and max(abs(a - b) for a, b in zip(self.of, before.of, strict=True)) < STALE:
+            self.stack, self.of = before.stack, before.of
+        else:
+            self.stack = np.ascontiguousarray(face.stack(s).T)
+        square = value.reshape(2, face.k, face.k)
+        by_u, by_v = (_slope(square, axis).reshape(2, -1) for axis in (2, 1))
         v, u = ((a - (face.k - 1) / 2).ravel() / FINE for a in np.indices((face.k, face.k)))
-        self.by_turn = self.by_u * v - self.by_v * u
-        self.by_radius, self.by_blur = (
+        by_turn = by_u * v - by_v * u
+        by_radius, by_blur = (
             (face.pair(s, s.radius + a, s.blur + b) - face.pair(s, s.radius - a, s.blur - b)) / (2 * H)
             for a, b in ((H, 0.0), (0.0, H))
         )
+        self.laid = np.ascontiguousarray(np.concatenate([value, by_u, by_v, by_turn, by_radius, by_blur]).T)
 
 
 def _slope(square: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
@@ -122,49 +133,16 @@ def _slope(square: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
     return np.asarray((a - 8.0 * b + 8.0 * c - d) * FINE / 12.0)
 
 
-def _laying(f: _Frame, p: Place, exposure: float, k: int) -> tuple[csr_array, csr_array]:
-    """Matrices (pixels, k k) that lay a picture in a frame, and its derivative by the exposure from slopes along the
-    way. Cubic convolution (Keys 1981)."""
-    way = exposure * math.hypot(*f.velocity)
-    n = 1 + math.ceil(2 * way)  # two pieces of a streak to a pixel
-    parts = (np.arange(n) + 0.5) / n - 0.5
-    c, s = math.cos(p.turn), math.sin(p.turn)
-    du = f.u[:, None] - p.x - parts * exposure * f.velocity[0]
-    dv = f.v[:, None] - p.y - parts * exposure * f.velocity[1]
-    at = FINE * (c * du + s * dv) + 0.5 * (k - 1), FINE * (c * dv - s * du) + 0.5 * (k - 1)
-    base = [np.clip(np.floor(a).astype(np.int64), 1, k - 3) for a in at]
-    taps = [_keys(np.clip(a - b, 0.0, 1.0)) for a, b in zip(at, base, strict=True)]
-    four = np.arange(-1, 3)
-    column = (base[1][..., None, None] + four[:, None]) * k + base[0][..., None, None] + four
-    weight = taps[1][..., :, None] * taps[0][..., None, :] / n
-    row = np.broadcast_to(np.arange(f.u.size)[:, None, None, None], column.shape)
-    shape, where = (f.u.size, k * k), (row.ravel(), column.ravel())
-    first = csr_array((weight.ravel(), where), shape=shape)
-    second = csr_array(((weight * parts[:, None, None]).ravel(), where), shape=shape)
-    return first, second
-
-
-def _keys(t: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Weights (..., 4) of the points about a place t in 0..1 after the second."""
-    return np.stack(
-        [
-            ((-0.5 * t + 1.0) * t - 0.5) * t,
-            (1.5 * t - 2.5) * t * t + 1.0,
-            ((-1.5 * t + 2.0) * t + 0.5) * t,
-            (0.5 * t - 0.5) * t * t,
-        ],
-        axis=-1,
-    )
-
-
 class _Equations:
     """Normal equations of one frame, weighted: h (5, 5) of its own unknowns, c (shared, 5), n (shared, shared) of the
     shared ones (waves, radius, blur, exposure), g and b their right sides; noise [grey]. alone: no shared ones."""
 
     def __init__(self, f: _Frame, p: Place, s: _Shared, pictures: _Pictures, prior: Array, alone: bool = False):
-        lay, along = _laying(f, p, s.exposure, pictures.k)
-        laid = (pictures.value, pictures.by_u, pictures.by_v, pictures.by_turn, pictures.by_radius, pictures.by_blur)
-        (a, m), (a_u, m_u), (a_v, m_v), (a_t, m_t), (a_r, m_r), (a_b, m_b) = (np.asarray(lay @ v.T).T for v in laid)
+        out, waves = np.empty((f.u.size, 16)), np.empty((f.u.size, 0 if alone else s.waves.size), np.float32)
+        stack = pictures.stack[:, :0] if alone else pictures.stack
+        place = np.array([p.x, p.y, p.turn])
+        lay(f.u, f.v, place, s.exposure, np.array(f.velocity), pictures.laid, stack, out, waves)
+        a, m, a_u, m_u, a_v, m_v, a_t, m_t, a_r, m_r, a_b, m_b, *along = out.T
         cos, sin = math.cos(p.turn), math.sin(p.turn)
         bright = p.light - f.behind
 
@@ -173,14 +151,15 @@ class _Equations:
 
         by_u, by_v = change(a_u, m_u), change(a_v, m_v)
         x, y = -(cos * by_u - sin * by_v), -(sin * by_u + cos * by_v)
-        e_u, e_v = (change(*np.asarray(along @ v.T).T) for v in (pictures.by_u, pictures.by_v))
+        e_u, e_v = change(*along[:2]), change(*along[2:])
         vx, vy = f.velocity
         exposure = -vx * (cos * e_u - sin * e_v) - vy * (sin * e_u + cos * e_v)
         own = np.stack([x, y, change(a_t, m_t), a, m], axis=1)
         shared = np.zeros((f.u.size, 0))
         if not alone:
-            waves = p.contrast * np.asarray(lay.astype(np.float32) @ pictures.stack, np.float64)
-            shared = np.column_stack([waves, change(a_r, m_r), change(a_b, m_b), exposure])
+            shared = np.column_stack(
+                [p.contrast * waves.astype(np.float64), change(a_r, m_r), change(a_b, m_b), exposure]
+            )
         left = f.grey - f.behind - change(a, m)
         self.noise = max(FROM_MAD * float(np.median(np.abs(left))), 1e-6 * float(np.ptp(f.grey)) + 1e-9)
         # a pixel that is off by 3 standard deviations counts less
@@ -198,7 +177,10 @@ class _Equations:
         self.longest = np.array([1.0, 1.0, 0.3, np.inf, 0.3])
         root = np.sqrt(weight) / self.noise
         own, shared, left = own * root[:, None], shared * root[:, None], left * root
-        self.h, self.c, self.n = own.T @ own, shared.T @ own, shared.T @ shared
+        self.h, self.c = own.T @ own, shared.T @ own
+        # half of the products; the other half is the same
+        half = np.empty((0, 0)) if alone else dsyrk(1.0, shared.T)
+        self.n = half + np.triu(half, 1).T
         self.g, self.b = own.T @ left, shared.T @ left
         self.h[np.diag_indices(5)] += prior
         self.g -= prior * np.array([0.0, 0.0, 0.0, p.light, p.contrast - 1.0])
@@ -235,9 +217,9 @@ def adjusted(frames: Frames, scene: Float32, places: list[Place], layer: Layer, 
     outlined: the layer's diameter is that of an outline, and not only about right."""
     if layer.d > 40.0:  # a larger ball would have more than some hundred waves
         return None
-    good = [i for i, p in enumerate(places) if not p.found.flag]
-    cuts = {i: _cut(np.asarray(frames[i], np.float32), scene, places, i, layer.d) for i in good}
+    good = [i for i, p in enumerate(places[:MOST_FRAMES]) if not p.found.flag]
     teach = good[:: max(1, math.ceil(len(good) / 40))]
+    cuts = {i: _cut(np.asarray(frames[i]), scene, places, i, layer.d) for i in teach}
     face = _Face(0.5 * layer.d)
     shown = layer.shown[layer.alpha > 0.5]
     height = float(np.std(shown)) + abs(float(np.median(shown)))
@@ -246,15 +228,17 @@ def adjusted(frames: Frames, scene: Float32, places: list[Place], layer: Layer, 
     film = _Film(
         (0.5 * layer.d, OUTLINE_RADIUS.value[not outlined] ** 2),
         shared,
-        {i: places[i] for i in good},
+        {i: places[i] for i in teach},
         height**2,
         widest,
     )
+    pictures: _Pictures | None = None
     for turn in range(TURNS):
-        pictures = _Pictures(face, film.shared)
-        equations = {i: _Equations(cuts[i], film.places[i], film.shared, pictures, film.prior) for i in teach}
+        pictures = _Pictures(face, film.shared, pictures)
+        equations = _all_equations(film, cuts, teach, pictures)
         if turn in (FIRST // 2, FIRST):
-            odd = _odd(equations, film.places, widest)
+            usual_off = _usual(equations, film.places)
+            odd = [i for i, e in equations.items() if _times_off(e, film.places[i], usual_off, widest) is not None]
             teach = [i for i in teach if i not in odd]
             equations = {i: equations[i] for i in teach}
         if len(teach) < 4:  # too few to tell what they share
@@ -268,25 +252,40 @@ def adjusted(frames: Frames, scene: Float32, places: list[Place], layer: Layer, 
     else:
         if moved > 1.0:
             return None
-    expected = _centred(places, film.places, teach)
-    film.places |= {i: p for i, p in expected.items() if i not in teach}
-    apart = [float(np.median(np.abs(np.asarray(frames[i], np.float32) - scene))) for i in teach]
+    usual = _centred(places, film.places, teach)
+    apart = [float(np.median(cv2.absdiff(np.asarray(frames[i], np.float32)[::4, ::4], scene[::4, ::4]))) for i in teach]
     at_ball = float(np.median([e.noise for e in equations.values()]))
-    found, centre = _measured(film, face, cuts, cov, expected, widest)
-    out = [found.get(i, p) for i, p in enumerate(places)]
-    return Adjusted(out, centre, at_ball / max(FROM_MAD * float(np.median(apart)), 1e-9))
+    measured = _Measured(film, _Pictures(face, film.shared), {i: cuts[i] for i in teach}, cov, widest)
+    out = []
+    for i, p in enumerate(places):
+        if not p.found.flag:
+            p = measured.one(i, _cut(np.asarray(frames[i]), scene, places, i, layer.d), _moved(p, *usual))
+        out.append(p)
+    return Adjusted(out, measured.centre(), at_ball / max(FROM_MAD * float(np.median(apart)), 1e-9))
 
 
-def _odd(equations: dict[int, _Equations], places: dict[int, Place], widest: Array) -> dict[int, float]:
-    """Frames whose ball is not that of the others, each with by how many times as much it is off the picture: it is
-    another thing that has been made alike by another light."""
-    off = np.array([e.off for e in equations.values()])
-    times = np.sqrt(off / max(float(np.median(off)), 1e-12))
-    light = np.array([[places[i].light, places[i].contrast] for i in equations])
+def _all_equations(
+    film: _Film, cuts: dict[int, _Frame], which: list[int], pictures: _Pictures
+) -> dict[int, _Equations]:
+    """Those of so many frames, with the shared unknowns."""
+    calls = [partial(_Equations, cuts[i], film.places[i], film.shared, pictures, film.prior) for i in which]
+    return dict(zip(which, at_once(calls), strict=True))
+
+
+def _usual(equations: dict[int, _Equations], places: dict[int, Place]) -> tuple[float, Array]:
+    """What most frames leave of the picture [grey^2], and their light and contrast."""
+    off = float(np.median([e.off for e in equations.values()]))
+    return off, np.median([[places[i].light, places[i].contrast] for i in equations], axis=0)
+
+
+def _times_off(e: _Equations, p: Place, usual: tuple[float, Array], widest: Array) -> float | None:
+    """By how many times as much as most frames one is off the picture, where its ball is not that of the others: it is
+    another thing that has been made alike by another light. None where it is that ball."""
+    times = math.sqrt(e.off / max(usual[0], 1e-12))
     # light or contrast beyond 3 times the widest is not the ball's
-    far = np.abs(light - np.median(light, axis=0)) > 3.0 * np.sqrt(widest)
+    far = bool((np.abs(np.array([p.light, p.contrast]) - usual[1]) > 3.0 * np.sqrt(widest)).any())
     # and so is what leaves 2.8 times as much as in most frames
-    return {i: float(t) for i, t, f in zip(equations, times, far.any(axis=1), strict=True) if f or t > 2.8}
+    return times if far or times > 2.8 else None
 
 
 def _stepped(
@@ -341,44 +340,63 @@ def _placed(p: Place, step: Array, e: _Equations) -> tuple[Place, float]:
     ), far
 
 
-def _measured(
-    film: _Film, face: _Face, cuts: dict[int, _Frame], cov: Array, expected: dict[int, Place], widest: Array
-) -> tuple[dict[int, Place], float]:
-    """Every good frame fitted with the shared unknowns as they are; sigma: its own, and what theirs cost it beyond what
-    they cost all alike. And the standard uncertainty of the centre in the ball's picture [px]."""
-    s, pictures, last = film.shared, _Pictures(face, film.shared), dict[int, _Equations]()
-    for i, cut in cuts.items():
+class _Measured:
+    """Frames fitted one by one with the shared unknowns as they are; sigma: a frame's own, and what the shared ones
+    cost a frame that taught them beyond what they cost all alike."""
+
+    def __init__(self, film: _Film, pictures: _Pictures, cuts: dict[int, _Frame], cov: Array, widest: Array):
+        self.film, self.pictures, self.widest = film, pictures, widest
+        self.taught = {i: self._at_rest(cut, film.places[i]) for i, cut in cuts.items()}
+        last = _all_equations(
+            replace(film, places={i: p for i, (p, _) in self.taught.items()}), cuts, [*cuts], pictures
+        )
+        self._costs = {i: np.linalg.solve(e.h, e.c.T)[:2] for i, e in last.items()}
+        mean = np.mean(list(self._costs.values()), axis=0)
+        self._shares = {i: (c - mean) @ cov @ (c - mean).T for i, c in self._costs.items()}
+        self._usual_share = np.mean(list(self._shares.values()), axis=0)
+        self._cov = cov
+        self._usual = _usual({i: e for i, (_, e) in self.taught.items()}, {i: p for i, (p, _) in self.taught.items()})
+
+    def _at_rest(self, cut: _Frame, p: Place) -> tuple[Place, _Equations]:
         for _ in range(12):  # the shared unknowns stay as they are
-            e = _Equations(cut, film.places[i], s, pictures, film.prior, alone=True)
-            film.places[i], far = _placed(film.places[i], np.linalg.solve(e.h, e.g), e)
+            e = _Equations(cut, p, self.film.shared, self.pictures, self.film.prior, alone=True)
+            p, far = _placed(p, np.asarray(np.linalg.solve(e.h, e.g), np.float64), e)
             if far < REST:
                 break
-        last[i] = _Equations(cut, film.places[i], s, pictures, film.prior)
-    costs = {i: np.linalg.solve(e.h, e.c.T)[:2] for i, e in last.items()}
-    usual, odd = np.mean(list(costs.values()), axis=0), _odd(last, film.places, widest)
-    out = dict[int, Place]()
-    for i, e in last.items():
-        off = costs[i] - usual
-        var = np.linalg.inv(e.h)[:2, :2] * e.power / e.noise**2 / max(e.count - 5.0, 1.0) + off @ cov @ off.T
-        sigma, p = math.sqrt(max(var[0, 0], var[1, 1])), film.places[i]
+        return p, _Equations(cut, p, self.film.shared, self.pictures, self.film.prior, alone=True)
+
+    def one(self, i: int, cut: _Frame, start: Place) -> Place:
+        """Frame i, whose place is about `start`."""
+        p, e = self.taught.get(i) or self._at_rest(cut, start)
+        var = np.linalg.inv(e.h)[:2, :2] * e.power / e.noise**2 / max(e.count - 5.0, 1.0)
+        var = var + np.asarray(self._shares.get(i, self._usual_share))
         # a place may move by half of the radius
-        away = math.hypot(p.x - expected[i].x, p.y - expected[i].y) > 0.5 * s.radius
-        found = Found(GOOD, p.x, p.y, sigma, 2.0 * s.radius, e.unlike)
-        if away or i in odd:
-            found = Found(Flag(Reason.NOT_CONVERGED) if away else Flag(Reason.UNLIKE_OTHERS, (odd[i],)))
-        out[i] = replace(p, found=found)
-    turned = [_turned(film.places[i].turn) @ c for i, c in costs.items()]
-    centre = np.mean(turned, axis=0)
-    return out, math.sqrt(float(np.max(np.diag(centre @ cov @ centre.T))))
+        if math.hypot(p.x - start.x, p.y - start.y) > 0.5 * self.film.shared.radius:
+            return replace(p, found=Found(Flag(Reason.NOT_CONVERGED)))
+        times = _times_off(e, p, self._usual, self.widest)
+        if times is not None:
+            return replace(p, found=Found(Flag(Reason.UNLIKE_OTHERS, (times,))))
+        sigma = math.sqrt(max(var[0, 0], var[1, 1]))
+        return replace(p, found=Found(GOOD, p.x, p.y, sigma, 2.0 * self.film.shared.radius, e.unlike))
+
+    def centre(self) -> float:
+        """Standard uncertainty of the centre in the ball's picture [px]."""
+        turned = [_turned(self.taught[i][0].turn) @ c for i, c in self._costs.items()]
+        centre = np.mean(turned, axis=0)
+        return math.sqrt(float(np.max(np.diag(centre @ self._cov @ centre.T))))
 
 
-def _centred(before: list[Place], after: dict[int, Place], teach: list[int]) -> dict[int, Place]:
-    """Places before the fit, moved by as much in the ball's picture, and turned, as it moved those that taught."""
+def _centred(before: list[Place], after: dict[int, Place], teach: list[int]) -> tuple[float, float, float]:
+    """By how much in the ball's picture (u, v) [px], and turned [rad], the fit has moved those that taught."""
     moves = [_turned(before[i].turn) @ [after[i].x - before[i].x, after[i].y - before[i].y] for i in teach]
     u, v = np.median(moves, axis=0)
-    turn = float(np.median([after[i].turn - before[i].turn for i in teach]))
-    moved = {i: shifted(before[i], float(u), float(v)) for i in after}
-    return {i: replace(p, turn=p.turn + turn, light=0.0, contrast=1.0) for i, p in moved.items()}
+    return float(u), float(v), float(np.median([after[i].turn - before[i].turn for i in teach]))
+
+
+def _moved(p: Place, u: float, v: float, turn: float) -> Place:
+    """A place before the fit, moved alike."""
+    p = shifted(p, u, v)
+    return replace(p, turn=p.turn + turn, light=0.0, contrast=1.0)
 
 
 def _turned(turn: float) -> Array:
@@ -387,7 +405,7 @@ def _turned(turn: float) -> Array:
     return np.array([[c, s], [-s, c]])
 
 
-def _cut(image: Float32, scene: Float32, places: list[Place], i: int, d: float) -> _Frame:
+def _cut(image: Image, scene: Float32, places: list[Place], i: int, d: float) -> _Frame:
     """The pixels of frame i about its place."""
     p, (h, w), reach = places[i], image.shape, 0.5 * d + ROOM
     rows, columns = (np.arange(max(0, int(a - reach)), min(n, int(a + reach) + 2)) for a, n in ((p.y, h), (p.x, w)))

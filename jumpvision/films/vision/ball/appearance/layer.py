@@ -12,19 +12,17 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from jumpvision.base.arrays import FROM_MAD, Float32
+from jumpvision.base.arrays import FROM_MAD, Float32, Image
 from jumpvision.films.frames.base import Frames
 from jumpvision.films.vision.ball.measure import Found
 from jumpvision.films.vision.ball.moving import Path
 from jumpvision.films.vision.ball.reasons import GOOD, Flag, Reason
 
+from .laying import OUTLIER, fit_layer
+
 TURNS = np.deg2rad(np.arange(-40.0, 41.0, 20.0))  # from the frame before, that are tried
-H = 0.3  # px: of a difference
 RAYS, WEAK = 64, 0.12  # of an outline; least change just inside it, of the strongest
-FREE = 0.1  # of the contrast, by which light and contrast may change from frame to frame
-OUTLIER = 3.0  # standard deviations, from which a pixel counts less
 
 
 @dataclass(frozen=True)
@@ -67,7 +65,7 @@ def learned(frames: Frames, scene: Float32, path: Path, d: float) -> tuple[Layer
                 continue
             near = min(now or where, key=lambda i: abs(i - s.i))
             guess = where.get(s.i) or replace((now or where)[near], x=s.x, y=s.y)
-            image = np.asarray(frames[s.i], np.float32)
+            image = np.asarray(frames[s.i])
             turns = TURNS if turn == 0 else (0.0,)
             tried = [fit(image, scene, layer, replace(guess, turn=guess.turn + t), d) for t in turns]
             place = min(tried, key=lambda p: p.found.chi2 if not p.found.flag else math.inf)
@@ -97,12 +95,14 @@ def shifted(place: Place, u: float, v: float) -> Place:
     return replace(place, x=place.x + c * u - s * v, y=place.y + s * u + c * v)
 
 
-def sampled(image: Float32, x: float, y: float, turn: float, k: int) -> Float32:
+def sampled(image: Image, x: float, y: float, turn: float, k: int) -> Float32:
     """An image on a grid (k, k) laid with its middle at (x, y), turned."""
     v, u = np.indices((k, k)) - (k - 1) / 2
-    c, s = math.cos(turn), math.sin(turn)
-    at_x, at_y = (x + c * u - s * v).astype(np.float32), (y + s * u + c * v).astype(np.float32)
-    return np.asarray(cv2.remap(image, at_x, at_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
+    c, s, reach = math.cos(turn), math.sin(turn), 0.75 * k + 3.0
+    x0, y0 = (int(np.clip(a - reach, 0, n - 1)) for a, n in ((x, image.shape[1]), (y, image.shape[0])))
+    part = np.asarray(image[y0 : max(y0, int(y + reach)) + 2, x0 : max(x0, int(x + reach)) + 2], np.float32)
+    at_x, at_y = (x - x0 + c * u - s * v).astype(np.float32), (y - y0 + s * u + c * v).astype(np.float32)
+    return np.asarray(cv2.remap(part, at_x, at_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
 
 
 def _learned_layer(frames: Frames, scene: Float32, where: dict[int, Place], alpha: Float32) -> Layer:
@@ -110,7 +110,7 @@ def _learned_layer(frames: Frames, scene: Float32, where: dict[int, Place], alph
     k = alpha.shape[0]
     seen = []
     for i, p in where.items():
-        images = (np.asarray(frames[i], np.float32), scene)
+        images = (np.asarray(frames[i]), scene)
         image, behind = (sampled(a, p.x, p.y, p.turn, k) for a in images)
         seen.append((image - (1.0 - alpha) * behind - p.light * alpha) / p.contrast)
     stack = np.asarray(seen, np.float32)
@@ -131,8 +131,8 @@ def _outline(
     Where the change falls to half of what it is just inside, along RAYS from the centre; a circle through these.
     """
     k = layer.alpha.shape[0]
-    changes = ((np.asarray(frames[i], np.float32) - scene, p) for i, p in where.items())
-    stack = [sampled(change, p.x, p.y, p.turn, k) for change, p in changes]
+    pairs = (((np.asarray(frames[i]), scene), p) for i, p in where.items())
+    stack = [np.subtract(*(sampled(a, p.x, p.y, p.turn, k) for a in pair)) for pair, p in pairs]
     change = np.median(stack, axis=0).astype(np.float32)
     u = v = 0.0
     size = layer.d
@@ -176,12 +176,10 @@ def _outline(
     return (u, v, size) if spread < 0.08 * size else None
 
 
-def fit(image: Float32, scene: Float32, layer: Layer, start: Place, d: float) -> Place:
+def fit(image: Image, scene: Float32, layer: Layer, start: Place, d: float) -> Place:
     """Least squares of the layer before the scene, in x, y, turn, light and contrast; chi2: what is left of the change
     against the scene."""
-    k = layer.alpha.shape[0]
-    half = (k - 1) // 2
-    x, y, turn, light, contrast = start.x, start.y, start.turn, start.light, start.contrast
+    x, y = start.x, start.y
     h, w = image.shape
     reach = 0.5 * layer.d + 1.0
 
@@ -190,60 +188,21 @@ def fit(image: Float32, scene: Float32, layer: Layer, start: Place, d: float) ->
 
     if not (reach < x < w - 1 - reach and reach < y < h - 1 - reach):
         return lost(Reason.AT_BORDER)
-    x0, y0 = round(x) - half, round(y) - half
-    cut = [max(0, -y0), max(0, y0 + k - h), max(0, -x0), max(0, x0 + k - w)]
-    at = np.s_[max(0, y0) : y0 + k, max(0, x0) : x0 + k]
-    room = ((cut[0], cut[1]), (cut[2], cut[3]))
-    grey, behind = (np.pad(a[at].astype(np.float64), room, mode="edge") for a in (image, scene))
-    yy, xx = np.indices((k, k))
+    half = (layer.alpha.shape[0] - 1) // 2
+    x0, y0 = max(0, round(x) - half), max(0, round(y) - half)
+    part = np.s_[y0 : round(y) + half + 1, x0 : round(x) + half + 1]
+    grey, behind = (np.ascontiguousarray(a[part], np.float32) for a in (image, scene))
     face = layer.shown[layer.alpha > 0.5]
     height = float(np.std(face)) + abs(float(np.median(face) - np.median(behind)))
-    for _ in range(15):  # Gauss-Newton
-        alpha, shown = _warped(layer, x - x0, y - y0, turn)
-        model = behind * (1.0 - alpha) + light * alpha + contrast * shown
-        part = np.hypot(xx + x0 - x, yy + y0 - y) < 0.5 * layer.d + 3.0
-        part[: cut[0]] = part[k - cut[1] :] = part[:, : cut[2]] = part[:, k - cut[3] :] = False
-        left = grey - model
-        columns = []
-        for dx, dy, dt in ((H, 0.0, 0.0), (0.0, H, 0.0), (0.0, 0.0, 2 * H / layer.d)):
-            (a1, m1), (a0, m0) = (_warped(layer, x - x0 + g * dx, y - y0 + g * dy, turn + g * dt) for g in (1.0, -1.0))
-            columns.append(((light - behind) * (a1 - a0) + contrast * (m1 - m0)) / (2 * (dx + dy + dt)))
-        j = np.stack([*columns, alpha, shown], axis=-1)[part]
-        r = left[part]
-        # noise is at least 0.002 of the height, up to what digitising leaves
-        noise = max(FROM_MAD * float(np.median(np.abs(r))), min(0.3, 0.002 * height))
-        weight = np.minimum(1.0, OUTLIER * noise / np.maximum(np.abs(r), 1e-9))
-        normal = j.T @ (weight[:, None] * j)
-        prior = noise**2 / np.array([np.inf, np.inf, np.inf, (FREE * height) ** 2, FREE**2])
-        normal[np.diag_indices(5)] += prior + 1e-9
-        right = j.T @ (weight * r) - prior * np.array([0.0, 0.0, 0.0, light, contrast - 1.0])
-        step = np.linalg.solve(normal, right)
-        size = math.hypot(step[0], step[1])
-        short = min(1.0, 0.15 * d / max(size, 1e-9), 0.3 / max(abs(step[2]), 1e-9))
-        x, y, turn, light, contrast = (v + short * float(s) for v, s in zip((x, y, turn, light, contrast), step))
-        if not math.hypot(x - start.x, y - start.y) < 0.5 * d:
-            return lost(Reason.NOT_CONVERGED)
-        if size < 1e-3:  # px
-            break
+    begin = np.array([x - x0, y - y0, start.turn, start.light, start.contrast])
+    p, normal, square, unlike, near = fit_layer(grey, behind, layer.alpha, layer.shown, begin, d, height)
+    if not near:
+        return lost(Reason.NOT_CONVERGED)
+    x, y, turn, light, contrast = (float(v) for v in p + np.array([x0, y0, 0.0, 0.0, 0.0]))
     if not (reach < x < w - 1 - reach and reach < y < h - 1 - reach):
         return lost(Reason.AT_BORDER)
-    ball = part & (alpha > 0.5)
-    unlike = float(np.sum(left[ball] ** 2) / max(np.sum((grey - behind)[ball] ** 2), 1e-9))
     if unlike > 0.3 or not 0.5 < contrast < 2.0:
         return lost(Reason.UNLIKE, contrast, unlike)
-    cov = np.linalg.inv(normal) * float(np.sum(weight * r**2) / max(np.sum(weight) - 5.0, 1.0))
+    cov = np.linalg.inv(normal) * square
     sigma = math.sqrt(max(cov[0, 0], cov[1, 1]))
     return Place(x, y, turn, light, contrast, Found(GOOD, x, y, sigma, layer.d, unlike))
-
-
-def _warped(layer: Layer, x: float, y: float, turn: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """alpha and what is shown, of the layer laid at (x, y) of its own window, turned."""
-    k = layer.alpha.shape[0]
-    c, s, m = math.cos(turn), math.sin(turn), (k - 1) / 2
-    back = np.array([[c, s, m - c * x - s * y], [-s, c, m + s * x - c * y]])
-    how = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
-    a, b = (
-        cv2.warpAffine(v, back, (k, k), flags=how, borderMode=cv2.BORDER_CONSTANT).astype(np.float64)
-        for v in (layer.alpha, layer.shown)
-    )
-    return a, b

@@ -51,13 +51,13 @@ def track_template(frames: Frames, settings: BallSettings) -> BallTrack:
     """What is at the seed in the first frame, in all frames: the centre of a ball that flies before a still scene (see
     `flight`), or the place that was clicked. sigma: by gradients and what the fit leaves."""
     assert settings.seed is not None
-    flying = in_flight(frames, settings.diameter, settings.seed)
+    scene = still_scene(frames)
+    flying = in_flight(frames, scene, settings.diameter, settings.seed)
     if flying is not None:
         return flying
     target = _cut(np.asarray(frames[0], np.float32), *settings.seed, settings.diameter or DIAMETER)
     if not target.contrast > 0:
         return as_track([Found(Flag(Reason.ONE_GREY))] * len(frames))
-    scene = still_scene(frames)
     found, turns = _through(frames, settings, target, scene)
     good = [i for i, f in enumerate(found) if not f.flag]
     some = good[:: max(1, len(good) // FOLDED)][:FOLDED]
