@@ -71,11 +71,19 @@ class Naming:
 
 
 def name(
-    problem: Problem, base: Fit, found: Detection, rng: np.random.Generator, enough: Enough | None = None
+    problem: Problem,
+    base: Fit,
+    found: Detection,
+    rng: np.random.Generator,
+    enough: Enough | None = None,
+    beside: Fit | None = None,
 ) -> Naming:
-    """Searches over sets of mechanisms, and names those that the data establish. enough: see `Search.run`."""
+    """Searches over sets of mechanisms, and names those that the data establish. enough: see `Search.run`; beside: of
+    what is named already, to which ways in which numbers vary are added, though it may pass the test without."""
     search = Search(problem, base, found, rng)
     search.run(enough)
+    if beside is not None:
+        search.race(varying(search, beside))
     passing = likelier(search)
     key = passing[0] if passing else established(search)
     if key:
@@ -100,6 +108,15 @@ def name(
     suffices = 1.0 if passing else least_doubt(search.test(likeliest).p_value)
     by_chance = not key and bool(search.passing())
     return Naming(named, status, best, tried, twins, share, probabilities, wider, suffices, by_chance)
+
+
+def varying(search: Search, beside: Fit) -> list[Start]:
+    """Starts of what is named with each way in which a number varies, and of the same less one mechanism."""
+    candidates, named = search.problem.system.candidates, beside.mechanisms
+    rests = [named, *(tuple(x for x in named if x != m) for m in named)]
+    new = {n: c.begin for n, c in candidates.items() if c.begin is not None and n not in named}
+    sets = [({*rest, n}, {**beside.named, **begin}) for n, begin in new.items() for rest in rests]
+    return [(tuple(x for x in candidates if x in s), values) for s, values in sets]
 
 
 def likelier(search: Search) -> list[Key]:

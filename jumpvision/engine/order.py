@@ -130,10 +130,10 @@ class Order:
         where = [] if self.by is None else locate(self.problem, base, tuple(self.by), self.rng)
         return Findings(self.problem.noise, base, found, where)
 
-    def name(self, d: Findings) -> Findings:
+    def name(self, d: Findings, beside: Fit | None = None) -> Findings:
         """What was looked at, with the mechanisms that explain it best, whatever the verdict."""
         enough = self._laws.alone if self._laws else None
-        return replace(d, naming=name(self.problem, d.baseline, d.detection, self.rng, enough))
+        return replace(d, naming=name(self.problem, d.baseline, d.detection, self.rng, enough, beside))
 
     def explain(self, d: Findings) -> Findings:
         """What was looked at, with what explains it where the model is wrong."""
@@ -148,7 +148,7 @@ class Order:
         if wide is not None and wide.odd is not None and wide.odd.explained:
             return self._without(d, wide.odd)
         few = self._but_a_few(d) if wide is not None and wide.odd is None else None
-        if few is not None and few.varies and few.varies.explained:
+        if few is not None and few.varies and few.varies.mistaken:
             return few
         order = self if wide is None else replace(self, problem=wide.problem)
         self.say(f"trying {tried} mechanisms")
@@ -186,13 +186,13 @@ class Order:
         """Whether there are recordings enough, and a system that can give each its own numbers."""
         return len(self.problem.all) >= FEWEST and hasattr(self.problem.system, "predict_apart")
 
-    def _wider(self, about: Fit, worth: float | None = None) -> Wider | None:
+    def _wider(self, about: Fit, *, beside: bool = False) -> Wider | None:
         if not self._may_vary:
             return None
         from .vary import explain
 
         rng = np.random.default_rng(VARY_SEED)
-        return explain.wider(self.problem, about, rng, explain.WORTH if worth is None else worth)
+        return explain.wider(self.problem, about, rng, beside=beside)
 
     def _decided(self, d: Findings, found: Findings, wide: Wider) -> Findings:
         """What is named, or scatter alone, or recordings set aside: whatever is likeliest and passes the test."""
@@ -254,12 +254,12 @@ class Order:
 
         naming = found.naming
         assert naming is not None
-        wide = self._wider(naming.best.fit, explain.SECOND)
+        wide = self._wider(naming.best.fit, beside=True)
         if wide is None or wide.problem.system.candidates.keys() == self.problem.system.candidates.keys():
             return self, found
         self.say("asking which numbers vary beside these")
         order = replace(self, problem=wide.problem)
-        more = order.name(replace(found, naming=None, problem=order.problem))
+        more = order.name(replace(found, naming=None, problem=order.problem), naming.best.fit)
         assert more.naming is not None
         if more.naming.status == Status.UNDETERMINED:
             return self, found

@@ -58,9 +58,9 @@ class Varies:
     slips: Mapping[int, Weighed] = field(default_factory=dict)
 
     @property
-    def explained(self) -> bool:
-        """Whether of every recording that is set aside it is known why."""
-        return all(i in self.commands or i in self.slips for i in self.aside)
+    def mistaken(self) -> bool:
+        """Whether every recording that is set aside was driven as another, or has a number that is far off."""
+        return all(i in self.commands or (i in self.slips and self.slips[i].far) for i in self.aside)
 
     def only_odd(self, named: Sequence[str]) -> bool:
         """Whether all that is named is of recordings that stand apart."""
@@ -80,15 +80,17 @@ class Wider:
     odd: Odd | None
 
 
-def wider(problem: Problem, about: Fit, rng: np.random.Generator, worth: float = WORTH) -> Wider:
-    """The problem with patterns that the recordings ask for beside its mechanisms."""
+def wider(problem: Problem, about: Fit, rng: np.random.Generator, *, beside: bool = False) -> Wider:
+    """The problem with patterns that the recordings ask for beside its mechanisms. beside: about a fit that has named
+    causes; a pattern must then gain SECOND nats whatever else is there, or each takes up what another leaves."""
+    worth = SECOND if beside else WORTH
     assert isinstance(problem.system, Varying)
     seen = screen(problem, about)
     few = odd_ones(problem, about, rng)
     offered = [w for w in seen.promising if _gain(w, seen) > worth]
     own = few.described if few else ()
     offered = [*own, *(w for w in offered if w.pattern.name not in {x.pattern.name for x in own})]
-    system = problem.system.varying(offered, seen.log_price) if offered else problem.system
+    system = problem.system.varying(offered, seen.log_price + SECOND * beside) if offered else problem.system
     return Wider(problem.asked_of(system), seen, few)
 
 

@@ -25,6 +25,7 @@ from .variables import Variable
 ODD = 4  # recordings at most that stand apart each for itself
 WIDTHS = (1.0, 0.1, 0.01)  # spreads that a coefficient may have before the data, one as likely as another
 SCATTERS = 5.0  # nats over one value for all recordings, from which they are said to differ: odds of 150
+FAR = 1.5  # factor from which a number was entered wrong rather than off
 INSTANTS = 1000  # of a record at which frames may have been lost, by one or a few
 LEVELS = ("frequency", "amplitude", "delay", "volume_fraction")  # labels of the motion that a number may go with
 
@@ -102,6 +103,12 @@ class Weighed:
         own = self.coefficients.size - self.pattern.about_own
         values = self.coefficients[:own]
         return math.sqrt(max(float(values @ np.linalg.solve(self.covariance[:own, :own], values)), 0.0))
+
+    @property
+    def far(self) -> bool:
+        """Whether a number is off by a factor, as what was entered wrong is."""
+        changes = zip(self.pattern.variables, self.coefficients)
+        return any(v.relative and not 1.0 / FAR < 1.0 + float(x) < FAR for v, x in changes)
 
 
 @dataclass(frozen=True)
