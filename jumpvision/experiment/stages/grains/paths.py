@@ -15,7 +15,7 @@ from jumpvision.films.parameters import PathsParams
 from .masks import half_width
 
 
-@stage(version=1)
+@stage(version=2)
 def paths(
     piv: Piv,
     film: GrainVideo | None,
