@@ -26,7 +26,7 @@ from scipy.integrate import solve_ivp
 
 import jumpvision as jv
 
-from .rows import Row, gather, share
+from .rows import Numbered, Row, gather, share
 
 MACHINES = ("pendulum", "cart", "drive", "hopper")
 FAULTS = ("odd",) * 3 + ("drift",) * 3 + ("unit",) * 2 + ("law",) * 2
@@ -53,14 +53,7 @@ XML = """<mujoco><option timestep="5e-4" integrator="RK4"/><worldbody><body><joi
 
 
 @dataclass(frozen=True)
-class Case:
-    number: int
-    seed: int
-
-    @property
-    def key(self) -> str:
-        return f"{self.seed} #{self.number}"
-
+class Case(Numbered):
     @property
     def machine(self) -> str:
         return MACHINES[self.number % len(MACHINES)]

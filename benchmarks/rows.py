@@ -8,6 +8,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
@@ -22,6 +23,18 @@ class Case(Protocol):
 
     @property
     def key(self) -> str: ...
+
+
+@dataclass(frozen=True)
+class Numbered:
+    """A case of a set that is drawn from a seed."""
+
+    number: int
+    seed: int
+
+    @property
+    def key(self) -> str:
+        return f"{self.seed} #{self.number}"
 
 
 def attempt(run: Callable[[Any], Row], case: Case) -> Row:

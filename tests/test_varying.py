@@ -148,6 +148,14 @@ def test_a_laboratory_at_fault_is_named(kind):
             assert abs(value - (v.value if name in v.recordings else v.declared)) < 6.0 * sigma
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("number", [127, 129], ids=["exchanged", "entered wrong"])
+def test_a_force_is_named_beside_a_laboratory_at_fault(number):
+    t = truth(number, SEED)
+    found = asked(made(t, SEED).task)
+    assert outcome(t, answer_of(found), SEED) == "right", found.sentence
+
+
 def test_what_recordings_could_tell_is_said_before_they_are_made(capsys):
     """Of the samples on sand, from what is declared: numbers that drift beside mechanisms, with their rivals."""
     assert main(["check", str(SAMPLES / "loose_sand"), "--isolable", "--json"]) == 0

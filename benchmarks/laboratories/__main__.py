@@ -14,6 +14,7 @@ import numpy as np
 
 from benchmarks.hidden_physics.entries import Task
 from benchmarks.hidden_physics.worlds import numbers
+from benchmarks.rows import Numbered as Case
 from benchmarks.rows import Row, gather, share
 from jumpvision.engine.discovery import Laws
 from jumpvision.engine.document.diagnosis import Diagnosis
@@ -31,16 +32,6 @@ from .worlds import MS10, World, apart, made
 
 TELLABLE = 20.0  # chi^2 that every rival number leaves: it can be told which one varies
 BINS = (1.0, 2.0, 4.0, 8.0)  # sizes over the detectable one
-
-
-@dataclass(frozen=True)
-class Case:
-    number: int
-    seed: int
-
-    @property
-    def key(self) -> str:
-        return f"{self.seed} #{self.number}"
 
 
 def asked(task: Task) -> Diagnosis:

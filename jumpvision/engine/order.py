@@ -147,8 +147,8 @@ class Order:
         wide = self._wider(d.baseline)
         if wide is not None and wide.odd is not None and wide.odd.explained:
             return self._without(d, wide.odd)
-        few = self._but_a_few(d) if wide is not None and wide.odd is None else None
-        if few is not None and few.varies and few.varies.mistaken:
+        apart = self._apart(d) if wide is not None and wide.odd is None else ()
+        if apart and (few := self._mistaken(d, apart)) is not None:
             return few
         order = self if wide is None else replace(self, problem=wide.problem)
         self.say(f"trying {tried} mechanisms")
@@ -159,8 +159,10 @@ class Order:
             return found
         if found.naming and wide is not None and not (found.naming.status == Status.COMPLETE and order._steady(found)):
             order, found = order._again(found)
-        if few is not None and found.naming and found.naming.status != Status.COMPLETE:
-            return few
+        if apart and found.naming and found.naming.status != Status.COMPLETE:
+            found = self._but_a_few(d, apart) or found
+            if found.varies and found.varies.aside:
+                return found
         self.reached(found)
         return order.beyond(found)
 
@@ -211,42 +213,58 @@ class Order:
 
     def _without(self, d: Findings, odd: Odd) -> Findings:
         """What is found where a few recordings are set aside; causes that all others show beside it."""
-        from .vary import explain
-        from .vary.odd import set_aside
-
-        part = replace(self, problem=self.problem.asked_of(set_aside(self.problem.system, odd.members)))
-        without = explain.Varies(aside=odd.members, commands=odd.commands, slips=odd.slips)
-        alone = replace(d, varies=without, problem=part.problem)
-        rest = part.look()
-        if rest.adequate or len(part.problem.all) - len(odd.members) < FEWEST:
-            return alone
-        found = part.explain(rest)
-        if not (found.naming and found.naming.named):
-            return alone
-        beside = found.varies or explain.Varies()
-        both = replace(beside, aside=odd.members, commands=odd.commands, slips=odd.slips)
-        return replace(found, detection=d.detection, varies=both, problem=found.problem or part.problem)
-
-    def _but_a_few(self, d: Findings) -> Findings | None:
-        """What explains all recordings but a few that take most of the misfit; None where there are none, or it does
-        not explain the others."""
-        from .vary import odd
         from .vary.explain import Varies
 
-        apart = odd.those_apart(self.problem, d.baseline)
-        if not apart or len(self.problem.all) - len(apart) < FEWEST:
+        part, rest = self._others(odd.members)
+        found = part.explain(rest) if not rest.adequate and len(self.problem.all) - len(odd.members) >= FEWEST else rest
+        if found.naming and found.naming.named:
+            return self._beside(d, found, part, odd)
+        without = Varies(aside=odd.members, commands=odd.commands, slips=odd.slips)
+        return replace(d, varies=without, problem=part.problem)
+
+    def _apart(self, d: Findings) -> tuple[int, ...]:
+        """Recordings, enough others beside them, that take most of the misfit."""
+        from .vary.odd import those_apart
+
+        few = those_apart(self.problem, d.baseline)
+        return few if len(self.problem.all) - len(few) >= FEWEST else ()
+
+    def _mistaken(self, d: Findings, apart: tuple[int, ...]) -> Findings | None:
+        """What explains all recordings but these, where each of them is a mistake; None where they may be none."""
+        from .vary.odd import may_be_mistaken
+
+        if not may_be_mistaken(self.problem, d.baseline, apart):
             return None
+        found = self._but_a_few(d, apart)
+        return found if found and found.varies and found.varies.mistaken else None
+
+    def _but_a_few(self, d: Findings, apart: tuple[int, ...]) -> Findings | None:
+        """What explains all recordings but these; None where nothing does."""
+        from .vary.odd import about
+
         self.say("asking all but those that stand apart")
-        part = replace(self, problem=self.problem.asked_of(odd.set_aside(self.problem.system, apart)))
-        rest = part.look()
-        named = part.explain(rest) if not rest.adequate else rest
-        complete = named.adequate or (named.naming and named.naming.status == Status.COMPLETE)
-        if not complete or (named.varies and named.varies.aside):
+        part, rest = self._others(apart)
+        found = rest if rest.adequate else part.explain(rest)
+        complete = found.adequate or (found.naming and found.naming.status == Status.COMPLETE)
+        if not complete or (found.varies and found.varies.aside):
             return None
-        few = odd.about(self.problem, named.problem or part.problem, named.best, apart)
-        beside = named.varies or Varies()
-        both = replace(beside, aside=few.members, commands=few.commands, slips=few.slips)
-        return replace(named, detection=d.detection, varies=both, problem=named.problem or part.problem)
+        few = about(self.problem, found.problem or part.problem, found.best, apart)
+        return self._beside(d, found, part, few)
+
+    def _others(self, apart: Sequence[int]) -> tuple[Order, Findings]:
+        """(the order of all recordings but these, what it sees at first)."""
+        from .vary.odd import set_aside
+
+        part = replace(self, problem=self.problem.asked_of(set_aside(self.problem.system, apart)))
+        return part, part.look()
+
+    @staticmethod
+    def _beside(d: Findings, found: Findings, part: Order, odd: Odd) -> Findings:
+        """What is found in the others, with what is known of those that are set aside."""
+        from .vary.explain import Varies
+
+        both = replace(found.varies or Varies(), aside=odd.members, commands=odd.commands, slips=odd.slips)
+        return replace(found, detection=d.detection, varies=both, problem=found.problem or part.problem)
 
     def _again(self, found: Findings) -> tuple[Order, Findings]:
         """What is named with what varies about it, where that explains more."""

@@ -136,7 +136,7 @@ def _scatter(s: Scatter, observations: Sequence[Observation], fitted: Mapping[st
         high=s.high * size,
         unit=v.unit or "1",
         declared=fitted.get(v.name, v.declared),
-        p_value=min(1.0, math.exp(-min(max(s.gained, 0.0), 700.0))),  # odds are as great by noise alone no oftener
+        p_value=min(1.0, math.exp(-min(max(s.gained, 0.0), 700.0))),  # of odds as large by noise alone
         established=True,
         each=_values(s.apart.change, s.apart.sigma, v, observations, fitted),
     )

@@ -42,7 +42,7 @@ class Ridge:
     whole: bool
 
 
-def told(problem: Problem, d: Findings) -> tuple[Findings, tuple[Doubt, ...]]:
+def with_ridges(problem: Problem, d: Findings) -> tuple[Findings, tuple[Doubt, ...]]:
     """The findings, what they stand by with intervals that are no narrower than its ridges; those ridges."""
     fit = d.named_fit
     if d.law is not None or not fit.parameters or (d.naming is not None and not d.naming.named and not d.adequate):

@@ -40,9 +40,8 @@ def output_errors(problem: Problem, fits: list[Fit]) -> tuple[list[record.Simula
             model = " + ".join(best.mechanisms) or "the model as it is"
             text = (
                 f"open loop, {model} errs by (rms; fitted with process=True, and fitted to the recordings' readings) "
-                f"{each}: the model can follow the record much better than small random kicks would have it, so either "
-                "it lacks something slow, which the second fit's parameters make up for, or there are few kicks; take "
-                "the first where parameters matter, the second where the course does, and say which"
+                f"{each}: either the model lacks something slow, for which the second fit's parameters make up, or "
+                "there are few random kicks; take the first for the parameters, the second for the motion"
             )
             doubts.append(record.Doubt(record.DoubtKind.TWO_FITS, best.mechanisms, text))
     return out, tuple(doubts)

@@ -46,7 +46,7 @@ def diagnose(recordings: Sequence[Recording], study: Study | None, how: How | No
         found, stopped = _asked(system, how)
         asked = found.problem.system if found.problem else system
         assert isinstance(asked, Studied)
-        found, ridges = (found, ()) if stopped else _told(found, asked)
+        found, ridges = (found, ()) if stopped else _with_ridges(found, asked)
         alone = _alone(found, asked)
         shown, apart = _simulated(found, asked, whole=not stopped)
         stated = found.law.system if found.law else asked
@@ -76,13 +76,13 @@ def studied(study: Study, recordings: Sequence[Recording], runs: Runs) -> Studie
     return Studied(study, recordings, with_walks(system, base), runs, probed).remembering(system)
 
 
-def _told(found: Findings, system: Studied) -> tuple[Findings, tuple[Doubt, ...]]:
+def _with_ridges(found: Findings, system: Studied) -> tuple[Findings, tuple[Doubt, ...]]:
     """With intervals no narrower than the ridges that they lie on, as far as runs are left."""
-    from .doubts import hidden, told
+    from .doubts import hidden, with_ridges
 
     problem = problem_of(system)
     try:
-        wider, ridges = told(problem, found)
+        wider, ridges = with_ridges(problem, found)
         return wider, (*ridges, *hidden(problem, found))
     except (BudgetUsed, KeyboardInterrupt):
         return found, ()

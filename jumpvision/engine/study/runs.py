@@ -53,7 +53,7 @@ class Runs:
 
     def __init__(self, study: Study, recordings: Sequence[Recording], how: How) -> None:
         self.study, self.recordings, self.how = study, list(recordings), how
-        self.count, self.told, self.total = Count(), 0.0, 0
+        self.count, self.reported, self.total = Count(), 0.0, 0
         self.doubted = how.doubted
         self.held: OrderedDict[bytes, Array] = OrderedDict()
         self.bytes = 0
@@ -172,8 +172,8 @@ class Runs:
             self.bytes -= self.held.popitem(last=False)[1].nbytes
 
     def _tell(self) -> None:
-        if self.how.progress and time.perf_counter() - self.told > BETWEEN:
-            self.told, c = time.perf_counter(), self.count
+        if self.how.progress and time.perf_counter() - self.reported > BETWEEN:
+            self.reported, c = time.perf_counter(), self.count
             most = f" of at most {self.how.budget}" if self.how.budget else ""
             each, left = c.seconds / max(c.made, 1), ""
             if self.total > c.made:
@@ -202,7 +202,7 @@ class _Store:
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
             self.file = sqlite3.connect(path)
-            self.file.execute("PRAGMA synchronous = OFF")  # whole if this program dies; a run is no treasure
+            self.file.execute("PRAGMA synchronous = OFF")  # a loss of power may cost runs, which are made again
             self.file.execute("CREATE TABLE IF NOT EXISTS runs (key BLOB PRIMARY KEY, value BLOB)")
         except sqlite3.DatabaseError as e:
             raise InputError([f"keep = {path}: {e}; name another file"]) from None

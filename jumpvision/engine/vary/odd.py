@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
@@ -27,6 +27,7 @@ HALF = 0.5  # of the excess of chi^2 that must go with each recording left out, 
 FACTORS = (10.0, 0.1, 100.0, 0.01, 1000.0, 1e-3, 2.0, 0.5, 2.0 * math.pi, 0.5 / math.pi, 9.81, 1.0 / 9.81)  # of a slip
 FEW = 6  # numbers that are tried two by two: those that alone do best
 SINGLE = 1e-3  # chance below which a recording stands apart, or is not described by its numbers
+MOST = 0.1  # share of its chi^2 that it may keep for a mistake to be looked into where a force hides, too
 SLIP = 1e-3  # share of its chi^2 that a recording may keep where a number of it is far off
 LAPS = 12  # of Gauss-Newton, damped: a start may be far off
 
@@ -67,22 +68,41 @@ def set_aside(system: System, members: Sequence[int]) -> System:
     return out
 
 
-def those_apart(problem: Problem, fit: Fit) -> tuple[int, ...]:
-    """The few recordings that each take half of what a model gets wrong; none where they do not."""
+def _taken_away(problem: Problem, fit: Fit) -> Iterator[tuple[tuple[int, ...], Problem, Fit]]:
+    """(recordings, the problem without them, its fit): one more at a time, as long as each takes half of what a model
+    gets wrong."""
     members: list[int] = []
-    count, rest = len(problem.all), fit
-    excess = fit.chi2 - problem.n
+    count, rest, excess = len(problem.all), fit, fit.chi2 - problem.n
     for _ in range(min(ODD, count // SHARE)):
         worst = max((i for i in range(count) if i not in members), key=lambda i: _fall(rest, i))
-        if not _strange(problem, worst, _fall(rest, worst)):
-            break
-        part = problem.asked_of(set_aside(problem.system, [*members, worst]))
+        fall = _fall(rest, worst)
+        # where runs are dear, without one: leaving it out takes too little, linear about the fit
+        if not _strange(problem, worst, fall) or (isinstance(problem.system, Costly) and fall < HALF * excess):
+            return
+        members.append(worst)
+        part = problem.asked_of(set_aside(problem.system, members))
         again = part.fit(fit.mechanisms, rest.named)
         if again is None or again.chi2 - part.n > HALF * excess:
-            break
-        members.append(worst)
+            return
         rest, excess = again, again.chi2 - part.n
-    return tuple(sorted(members))
+        yield tuple(sorted(members)), part, again
+
+
+def those_apart(problem: Problem, fit: Fit) -> tuple[int, ...]:
+    """The few recordings that each take half of what a model gets wrong; none where they do not."""
+    return max((members for members, _, _ in _taken_away(problem, fit)), key=len, default=())
+
+
+def may_be_mistaken(problem: Problem, fit: Fit, members: Sequence[int]) -> bool:
+    """Whether of every one of these recordings most of the misfit goes with the command of another, or with a number
+    that is off by the factor of a slip, all else as it is: without a fit."""
+    usable = [v for v in variables(problem.system).values() if v.relative and not v.whole]
+    for i in members:
+        alone = _Alone(problem, fit, i)
+        slips = (alone.chi2((v,), x) for v in usable for x in _factors(v))
+        if min([_by_command(problem, fit, i)[0], *slips]) > MOST * alone.chi2((), np.zeros(0)):
+            return False
+    return True
 
 
 def about(problem: Problem, part: Problem, fit: Fit, members: tuple[int, ...]) -> Odd:
@@ -105,23 +125,8 @@ def _plain(w: Weighed) -> bool:
 
 def odd_ones(problem: Problem, fit: Fit, rng: np.random.Generator) -> Odd | None:
     """The few recordings without which a model is adequate; None where there are none."""
-    count, members = len(problem.all), []
-    rest = fit
-    excess = fit.chi2 - problem.n
-    for _ in range(min(ODD, count // SHARE)):
-        worst = max((i for i in range(count) if i not in members), key=lambda i: _fall(rest, i))
-        if not _strange(problem, worst, _fall(rest, worst)):
-            return None
-        if isinstance(problem.system, Costly) and _fall(rest, worst) < HALF * excess:
-            return None  # without a run: leaving it out takes too little, linear about the fit
-        members.append(worst)
-        part = problem.asked_of(set_aside(problem.system, members))
-        again = part.fit(fit.mechanisms, rest.named)
-        if again is None or again.chi2 - part.n > HALF * excess:
-            return None
-        rest, excess = again, again.chi2 - part.n
+    for found, part, rest in _taken_away(problem, fit):
         if not detect(part, rest, (), rng).discrepant:
-            found = tuple(sorted(members))
             commands = {i: j for i in found if (j := command_of(problem, rest, i)) is not None}
             numbers = {i: w for i in found if i not in commands and (w := described(problem, rest, i)) is not None}
             slips = {i: w for i, w in numbers.items() if not _describes(problem, i, w.chi2)}
@@ -136,8 +141,14 @@ def _describes(problem: Problem, i: int, chi2: float) -> bool:
 
 def command_of(problem: Problem, fit: Fit, i: int) -> int | None:
     """The other recording by whose command this one was driven; None where no command describes it."""
+    chi2, other = _by_command(problem, fit, i)
+    return other if _describes(problem, i, chi2) else None
+
+
+def _by_command(problem: Problem, fit: Fit, i: int) -> tuple[float, int]:
+    """(chi^2 of a recording driven as the other one whose command suits it best, that one); inf where none can."""
     if not isinstance(problem.system, Commanded):
-        return None
+        return math.inf, -1
     alone, observations = _Alone(problem, fit, i), problem.system.observations
     best = (math.inf, -1)
     for j in (j for j in problem.all if observations[j].condition != observations[i].condition):
@@ -145,7 +156,7 @@ def command_of(problem: Problem, fit: Fit, i: int) -> int | None:
         if np.isfinite(y).all():
             r = problem.whitening[i].whitened(observations[i].y - y, alone.frame)
             best = min(best, (float(r @ r), j))
-    return best[1] if _describes(problem, i, best[0]) else None
+    return best
 
 
 def _strange(problem: Problem, i: int, fall: float) -> bool:

@@ -12,9 +12,7 @@ import numpy as np
 from jumpvision.base.arrays import Array
 from jumpvision.engine.system import Observation, System
 
-RARE = (
-    10.0  # odds against a constant of the build: nobody touches it between recordings; of the order of 10, not fitted
-)
+RARE = 10.0  # odds against a constant of the build, which nobody touches between recordings: its order, not fitted
 
 
 @dataclass(frozen=True)

@@ -53,7 +53,7 @@ class DiscFit(NamedTuple):
 
 
 @njit(cache=True)
-def _invert(h, n, inverse):  # type: ignore[no-untyped-def]
+def invert(h, n, inverse):  # type: ignore[no-untyped-def]
     """Inverse of the leading n x n block of a positive definite matrix by Cholesky; False if it is not one."""
     low = np.zeros((n, n))
     for i in range(n):
@@ -116,7 +116,7 @@ def _fit(img, p, n_par, noise, mean, weight):  # type: ignore[no-untyped-def]
         for m in range(n_par):
             h[m, m] += weight[m]
             g[m] += weight[m] * (mean[m] - p[m])
-        if not _invert(h, n_par, cov):
+        if not invert(h, n_par, cov):
             break
         scale = 1.0
         for m in range(n_par):
@@ -157,7 +157,7 @@ def _fit(img, p, n_par, noise, mean, weight):  # type: ignore[no-untyped-def]
     total = accumulate(pixels, p, n_par, noise, soft, last, work, h, g, classes, sectors)
     for m in range(n_par):
         h[m, m] += weight[m]
-    if not _invert(h, n_par, cov):
+    if not invert(h, n_par, cov):
         good = False
     elif settled and not good:  # a pixel that goes in and out of the fit: the rest of the walk is a part of sigma
         # a fit that need not come to rest ends with a twentieth of sigma

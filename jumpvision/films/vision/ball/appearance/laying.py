@@ -10,6 +10,8 @@ import math
 import numpy as np
 from numba import njit
 
+from jumpvision.films.vision.ball.disc import invert
+
 FREE = 0.1  # of the contrast, by which light and contrast may change from frame to frame
 OUTLIER = 3.0  # standard deviations, from which a pixel counts less
 STEPS = 15  # of a fit at most
@@ -35,33 +37,6 @@ def _slopes(t, w):  # type: ignore[no-untyped-def]
     w[3] = (1.5 * t - 1.0) * t
 
 
-@njit(cache=True)
-def _solve(h, g, n):  # type: ignore[no-untyped-def]
-    """x of h x = g for a positive definite h (n, n); zeros where it is not one."""
-    low, x = np.zeros((n, n)), np.zeros(n)
-    for i in range(n):
-        for k in range(i + 1):
-            total = h[i, k]
-            for m in range(k):
-                total -= low[i, m] * low[k, m]
-            if i == k:
-                if not total > 0.0:
-                    return np.zeros(n)
-                low[i, i] = math.sqrt(total)
-            else:
-                low[i, k] = total / low[k, k]
-    for i in range(n):
-        x[i] = g[i]
-        for k in range(i):
-            x[i] -= low[i, k] * x[k]
-        x[i] /= low[i, i]
-    for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            x[i] -= low[k, i] * x[k]
-        x[i] /= low[i, i]
-    return x
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
 def fit_layer(image, scene, alpha, shown, start, d, height):  # type: ignore[no-untyped-def]
     """Gauss-Newton of a layer (alpha, shown: (k, k), as wide as d) before a scene, from start (x, y, turn, light,
@@ -76,7 +51,7 @@ def fit_layer(image, scene, alpha, shown, start, d, height):  # type: ignore[no-
     most = k * k
     j, left, change, share = np.empty((most, 5)), np.empty(most), np.empty(most), np.empty(most)
     wu, wv, su, sv = np.empty(4), np.empty(4), np.empty(4), np.empty(4)
-    normal, right = np.zeros((5, 5)), np.zeros(5)
+    normal, right, inverse, step = np.zeros((5, 5)), np.zeros(5), np.zeros((5, 5)), np.zeros(5)
     mean_square = 0.0
     n = 0
     for _ in range(STEPS):
@@ -146,7 +121,11 @@ def fit_layer(image, scene, alpha, shown, start, d, height):  # type: ignore[no-
         normal[4, 4] += contrast
         right[3] -= light * p[3]
         right[4] -= contrast * (p[4] - 1.0)
-        step = _solve(normal, right, 5)
+        step[:] = 0.0
+        if invert(normal, 5, inverse):
+            for a in range(5):
+                for b in range(5):
+                    step[a] += inverse[a, b] * right[b]
         size = math.hypot(step[0], step[1])
         short = min(1.0, 0.15 * d / max(size, 1e-9), 0.3 / max(abs(step[2]), 1e-9))
         for a in range(5):
