@@ -44,11 +44,13 @@ class PathsPicture(Picture):
 
 
 def worst(field: xr.Dataset) -> int:
-    """Index of the time with the fewest measured vectors."""
-    return int((field.chc > 0).sum(("y", "x")).argmin("t"))
+    """Index of the time with the smallest share of measured vectors, of several the fastest."""
+    share = (field.chc > 0).sum(("y", "x")) / np.maximum((field.reason != MASKED).sum(("y", "x")), 1)
+    speed = (field.u_raw**2 + field.v_raw**2).mean(("y", "x")).fillna(0.0)
+    return int(speed.where(share <= share.min() + 1e-9, -1.0).argmax("t"))
 
 
-@stage(version=2, picture=True)
+@stage(version=3, picture=True)
 def validation_picture(piv: Piv) -> ValidationPicture:
     """Raw vectors at the worst moment, over what became of them; the shares against time."""
     from matplotlib.colors import ListedColormap
