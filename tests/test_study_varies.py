@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 import jumpvision as jv
+from jumpvision.engine.study.inputs import applied, factors_of
 from jumpvision.engine.vary import explain
 from tests import test_any_simulator as pendulum
 
@@ -75,3 +78,39 @@ def test_asking_what_varies_takes_few_runs(monkeypatch):
     without = jv.diagnose(recorded, asked)
     assert with_it.named == without.named == ("dry_friction",) and not with_it.varies
     assert without.runs.made < with_it.runs.made <= 1.5 * without.runs.made
+
+
+def swings(entered):
+    """Eight swings of the pendulum, the start angles [rad] said to be these."""
+    return [dataclasses.replace(r, inputs={"start": x}, order=i) for i, (r, x) in enumerate(zip(SWINGS, entered))]
+
+
+SWINGS = pendulum.world(n=8, seed=8)
+STARTS = [r.inputs["start"] for r in SWINGS]
+
+
+def test_an_input_in_the_wrong_unit():
+    given = [np.degrees(x) if i == 5 else x for i, x in enumerate(STARTS)]
+    found = jv.diagnose(swings(given), pendulum.study())
+    assert told(found) == [("input start", "odd", ("swing 5",))], found.sentence
+    assert found.varies[0].value == pytest.approx(np.pi / 180.0, rel=0.01)
+    assert "input start is 0.0175 times what is declared in swing 5" in found.sentence
+
+
+def test_two_recordings_with_each_other_s_inputs():
+    given = [STARTS[{2: 4, 4: 2}.get(i, i)] for i in range(8)]
+    found = jv.diagnose(swings(given), pendulum.study())
+    assert "swing 2 follows the command of swing 4" in found.sentence, found.sentence
+    assert "swing 4 follows the command of swing 2" in found.sentence
+
+
+def test_only_inputs_that_are_measured_and_differ_are_asked_of():
+    each = [
+        {"force": np.array([0.0, 1.0 + i, 2.0, 3.0]), "dt": 0.1, "n": i, "file": "x", "start": 0.1 * i}
+        for i in range(3)
+    ]
+    some = [jv.Recording(str(i), np.arange(4.0), np.zeros(4), x) for i, x in enumerate(each)]
+    assert factors_of(some) == ("input force", "input start")
+    parameters, recording = applied({"k": 2.0, "input start": 10.0}, some[2])
+    assert parameters == {"k": 2.0} and recording.inputs["start"] == pytest.approx(2.0)
+    assert recording.inputs["force"] is each[2]["force"] and some[2].inputs["start"] == pytest.approx(0.2)

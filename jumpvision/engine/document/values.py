@@ -149,7 +149,8 @@ class Varies:
     of: what it goes with ("order", "time", "session", "frequency", "amplitude", "delay", "volume_fraction", a label);
     None where some stand apart or it has no order. recordings: those that stand apart; of a step those after it.
     value: of those (odd, step), at the last one (drift, function), the standard deviation (scatter), with its 90 %
-    interval; declared: of the others. each: value and sigma of every recording by itself, for the picture.
+    interval; declared: of the others. each: value and sigma of every recording by itself, for the picture. also:
+    numbers of the same recordings that would do as well.
     """
 
     parameter: str
@@ -166,6 +167,7 @@ class Varies:
     each: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     at: Mapping[str, float | str] = field(default_factory=dict)
     source: str = ""
+    also: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -80,6 +80,7 @@ def _pattern(
             each=_each(x, v, observations, fitted),
             at=_at(p, observations),
             source=_source(p.of, observations),
+            also=p.also,
         )
 
 

@@ -26,7 +26,7 @@ def varies_in_words(v: Varies, words: Words) -> str:
     if v.kind is Pattern.ODD and v.parameter == RECORDING:
         return f"{some(v.recordings)} does not fit, and no single number of it explains why"
     if v.kind is Pattern.ODD:
-        return _not_driven([v], words) if v.parameter in words.drive else f"{_level(v, words)} in {some(v.recordings)}"
+        return _not_driven([v], words) if v.parameter in words.drive else _far(v, words)
     if v.kind is Pattern.SCATTER:
         return f"{_called(v, words)} scatters by {_scatter(v)} from {words.one} to {words.one}"
     at = [v.at.get(name) for name in v.recordings]
@@ -79,6 +79,12 @@ def _level(v: Varies, words: Words) -> str:
     if not 0.5 <= (ratio := v.value / v.declared) <= 2.0:  # a slip of a factor reads as one
         return f"{_called(v, words)} is {ratio:.3g} times what is declared"
     return f"{_called(v, words)} is {_share(v)} {'larger' if v.value > v.declared else 'smaller'}"
+
+
+def _far(v: Varies, words: Words) -> str:
+    """Of recordings that stand apart, with what else of theirs would do as well."""
+    also = " or ".join(words.quantities.get(n) or n for n in v.also)
+    return f"{_level(v, words)} in {some(v.recordings)}{f' ({also} would do as well)' if also else ''}"
 
 
 def _after(v: Varies, words: Words) -> str:

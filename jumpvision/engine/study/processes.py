@@ -25,6 +25,7 @@ import numpy as np
 from jumpvision.base.progress import end_with_parent
 from jumpvision.base.schema import InputError
 
+from .inputs import applied
 from .study import Recording, Study
 
 if TYPE_CHECKING:
@@ -38,11 +39,17 @@ Given = object  # what a user's function gives, or a Failure; `Runs` checks it
 
 @dataclass(frozen=True)
 class Ask:
-    """One run: which of the study's functions, which recording, with what."""
+    """One run: which of the study's functions, which recording, with what; like: another whose inputs it is given."""
 
     function: int
     recording: int
     parameters: Values
+    like: int | None = None
+
+    def of(self, recordings: Sequence[Recording]) -> tuple[dict[str, float], Recording]:
+        """What the simulator is called with."""
+        own = recordings[self.recording]
+        return applied(self.parameters, own if self.like is None else replace(own, inputs=recordings[self.like].inputs))
 
 
 @dataclass(frozen=True)
@@ -102,7 +109,7 @@ class Here:
 def _run(study: Study, recordings: Sequence[Recording], ask: Ask) -> Given:
     """One run; what the function raises is a failure with its place."""
     try:
-        return study.functions[ask.function](*study.arguments(ask.parameters, recordings[ask.recording]))
+        return study.functions[ask.function](*study.arguments(*ask.of(recordings)))
     except Exception as e:  # a user's function may raise anything
         has = f"; the recording has the inputs {', '.join(recordings[ask.recording].inputs) or '(none)'}"
         return Failure(_raised(e) + (has if isinstance(e, KeyError) else ""))
@@ -111,8 +118,8 @@ def _run(study: Study, recordings: Sequence[Recording], ask: Ask) -> Given:
 def _batch(study: Study, recordings: Sequence[Recording], asked: Sequence[Ask]) -> list[Given]:
     """Runs of one function at once."""
     try:
-        given = [dict(a.parameters) for a in asked], [recordings[a.recording] for a in asked]
-        out = list(study.functions[asked[0].function](*given))
+        given = [a.of(recordings) for a in asked]
+        out = list(study.functions[asked[0].function]([p for p, _ in given], [r for _, r in given]))
     except Exception as e:
         return [Failure(_raised(e))] * len(asked)
     if len(out) != len(asked):

@@ -134,7 +134,8 @@ class Runs:
 
     def _key(self, ask: Ask) -> bytes:
         text = repr([(n, f"{v:.12e}") for n, v in sorted(ask.parameters.items())])
-        return hashlib.sha256(f"{self.digests[ask.recording]} {ask.function} {text}".encode()).digest()
+        like = "" if ask.like is None else self.digests[ask.like]
+        return hashlib.sha256(f"{self.digests[ask.recording]}{like} {ask.function} {text}".encode()).digest()
 
     def _kept(self, key: bytes, ask: Ask) -> Array | None:
         if key in self.held:

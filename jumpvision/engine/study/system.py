@@ -24,6 +24,7 @@ from jumpvision.engine.noise.whitening import Whitening, axes
 from jumpvision.engine.series import places
 from jumpvision.engine.system import Block, Candidate, Circumstances, Observation, Parameter
 
+from .inputs import factors_of
 from .learn import Probed, Readings
 from .processes import Ask
 from .runs import Runs, SimulatorError
@@ -73,7 +74,9 @@ class Studied:
         self.baseline = own + self._instruments()
         self.mechanisms = {m.name: m for m in study.vocabulary if not self._absent(m)}
         self.candidates = {n: self._candidate(m, frame) for n, m in self.mechanisms.items()}
-        self.rest = self._rest()  # of the simulator's parameters, mechanisms absent
+        self.inputs = factors_of(self.recordings)
+        # of the simulator's parameters, mechanisms absent; inputs as they are given
+        self.rest = {**self._rest(), **dict.fromkeys(self.inputs, 1.0)}
         self.names = [*self.rest, *(p.name for p in self.each)]
         free = [*self.baseline, *(p for c in self.candidates.values() for p in c.parameters)]
         self.tops, self.bottoms = {p.name: p.high for p in free}, {p.name: p.low for p in free}
@@ -181,10 +184,11 @@ class Studied:
 
     @property
     def variables(self) -> dict[str, Variable]:
-        """Parameters that are fitted to all recordings alike, and scales and zeros of single channels."""
+        """Inputs, parameters that are fitted to all recordings alike, scales and zeros of single channels."""
         from jumpvision.engine.vary.variables import Variable
 
-        out = {p.name: self._variable(p) for p in self.baseline if p.name in self.rest}
+        out = {n: Variable(n, 1.0, "1", SPREAD, STEP, drive=True) for n in self.inputs}
+        out |= {p.name: self._variable(p) for p in self.baseline if p.name in self.rest}
         several = len(self.study.channels) > 1
         for c, unit in zip(self.study.channels, self.units):
             if several:
@@ -270,6 +274,27 @@ class Studied:
         return [
             self._reported(i, self._turned(i, found[i][0].y, mechanisms, values) + found[i][1], changes) for i in which
         ]
+
+    def predict_commanded(
+        self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: int, like: int
+    ) -> Array:
+        """Readings of a recording with the inputs of another; NaN where these are of another length or fail."""
+        mine, other, none = (
+            self.recordings[which],
+            self.recordings[like],
+            np.full(self.observations[which].t.size, np.nan),
+        )
+        series = any(np.ndim(x) and len(x) == other.t.size for x in other.inputs.values())  # type: ignore[arg-type]
+        if (asked := self.call_of(mechanisms, values)) is None or (series and mine.t.size != other.t.size):
+            return none
+        function, x = asked
+        changes = self.changes(mechanisms, values)
+        x = self._point(which, function, self._moved(which, x, changes), mechanisms)
+        try:
+            y = self.runs.many([Ask(function, which, self._given(x), like)])[0]
+        except SimulatorError:
+            return none
+        return self._reported(which, self._turned(which, y, mechanisms, values), changes)
 
     @staticmethod
     def _with(own: Changes, changes: Changes) -> Changes:
@@ -537,10 +562,14 @@ class Studied:
         """The runs (recording, function, x) as points of the memory."""
         keys = [(i, function, x.tobytes()) for i, function, x in wanted]
         new = {k: w for k, w in zip(keys, wanted) if k not in self.points}
-        asked = [Ask(f, i, dict(zip(self.names, x.tolist()))) for i, f, x in new.values()]
+        asked = [Ask(f, i, self._given(x)) for i, f, x in new.values()]
         for (key, (_, _, x)), y in zip(new.items(), self.runs.many(asked)):
             self.points[key] = _Point(x, y)
         return [self.points[k] for k in keys]
+
+    def _given(self, x: Array) -> dict[str, float]:
+        """What a run is made with: parameters, and factors on inputs that are not as they are given."""
+        return {n: v for n, v in zip(self.names, x.tolist()) if not (n in self.inputs and v == 1.0)}
 
     def _columns(
         self, found: Mapping[int, _Point], function: int, which: Sequence[int], places: Sequence[int]

@@ -23,12 +23,15 @@ from .patterns import ODD, WIDTHS, Pattern, Weighed
 from .variables import Variable
 
 SHARE = 6  # one recording in so many may stand apart
+EXCHANGE = 8  # recordings from which two may, which were exchanged
 HALF = 0.5  # of the excess of chi^2 that must go with each recording left out, or they are not a few odd ones
-FACTORS = (10.0, 0.1, 100.0, 0.01, 1000.0, 1e-3, 2.0, 0.5, 2.0 * math.pi, 0.5 / math.pi, 9.81, 1.0 / 9.81)  # of a slip
+SLIPS = (10.0, 100.0, 1000.0, 2.0, 2.0 * math.pi, 9.81, 180.0 / math.pi, 25.4, 60.0)  # of a unit or a decimal point
+FACTORS = tuple(x for f in SLIPS for x in (f, 1.0 / f))
 FEW = 6  # numbers that are tried two by two: those that alone do best
 SINGLE = 1e-3  # chance below which a recording stands apart, or is not described by its numbers
 MOST = 0.1  # share of its chi^2 that it may keep for a mistake to be looked into where a force hides, too
 SLIP = 1e-3  # share of its chi^2 that a recording may keep where a number of it is far off
+TWIN = 3.0  # nats behind the best number of a recording, within which another does as well: odds of 20
 LAPS = 12  # of Gauss-Newton, damped: a start may be far off
 
 
@@ -69,23 +72,29 @@ def set_aside(system: System, members: Sequence[int]) -> System:
 
 
 def _taken_away(problem: Problem, fit: Fit) -> Iterator[tuple[tuple[int, ...], Problem, Fit]]:
-    """(recordings, the problem without them, its fit): one more at a time, as long as each takes half of what a model
-    gets wrong."""
-    members: list[int] = []
-    count, rest, excess = len(problem.all), fit, fit.chi2 - problem.n
-    for _ in range(min(ODD, count // SHARE)):
-        worst = max((i for i in range(count) if i not in members), key=lambda i: _fall(rest, i))
-        fall = _fall(rest, worst)
-        # where runs are dear, without one: leaving it out takes too little, linear about the fit
-        if not _strange(problem, worst, fall) or (isinstance(problem.system, Costly) and fall < HALF * excess):
+    """(recordings, the problem without them, its fit): one more at a time, or two that were exchanged, as long as each
+    takes half of what a model gets wrong."""
+    members: tuple[int, ...] = ()
+    rest, excess = fit, fit.chi2 - problem.n
+    count = len(problem.all)
+    most = min(ODD, max(count // SHARE, 2 if count >= EXCHANGE else 0))
+    while len(members) < most:
+        falls = {i: _fall(rest, i) for i in range(count) if i not in members}
+        for size in range(1, min(2, most - len(members)) + 1):
+            worst = sorted(falls, key=lambda i: -falls[i])[:size]
+            if not all(_strange(problem, i, falls[i]) for i in worst):
+                return
+            # where runs are dear, without one: leaving them out takes too little, linear about the fit
+            if isinstance(problem.system, Costly) and sum(falls[i] for i in worst) < HALF * excess:
+                continue
+            part = problem.asked_of(set_aside(problem.system, [*members, *worst]))
+            again = part.fit(fit.mechanisms, rest.named)
+            if again is not None and again.chi2 - part.n <= HALF**size * excess:
+                break
+        else:
             return
-        members.append(worst)
-        part = problem.asked_of(set_aside(problem.system, members))
-        again = part.fit(fit.mechanisms, rest.named)
-        if again is None or again.chi2 - part.n > HALF * excess:
-            return
-        rest, excess = again, again.chi2 - part.n
-        yield tuple(sorted(members)), part, again
+        members, rest, excess = tuple(sorted([*members, *worst])), again, again.chi2 - part.n
+        yield members, part, again
 
 
 def those_apart(problem: Problem, fit: Fit) -> tuple[int, ...]:
@@ -243,6 +252,8 @@ def _best(tried: Sequence[_Tried], alone: _Alone, count: int) -> Weighed | None:
     if not tried:
         return None
     best = max(tried, key=lambda x: x.log_evidence)
+    alike = [x for x in tried if x.log_evidence > best.log_evidence - TWIN]
+    best = next((x for x in alike if all(v.drive for v in x.variables)), best)  # entered by hand for each recording
     slip = best.found.chi2 < SLIP * alone.chi2((), np.zeros(0))
     if not (slip or _describes(alone.problem, alone.i, best.found.chi2)):
         return None
@@ -250,7 +261,10 @@ def _best(tried: Sequence[_Tried], alone: _Alone, count: int) -> Weighed | None:
     design[alone.i] = 1.0
     price = math.log(len(alone.problem.all)) + len(best.variables) * math.log(count * len(WIDTHS))
     whole = price + sum(v.log_price for v in best.variables)
-    pattern = Pattern(best.variables, Kind.ODD, None, design, (alone.i,), log_price=whole, widths=best.widths)
+    also = tuple(" and ".join(v.name for v in x.variables) for x in alike if x is not best)
+    pattern = Pattern(
+        best.variables, Kind.ODD, None, design, (alone.i,), log_price=whole, widths=best.widths, also=also
+    )
     found, log = best.found, best.log_evidence - price
     return Weighed(pattern, found.values, found.covariance, found.chi2, log, alone.fit.named)
 
@@ -274,7 +288,8 @@ class _Alone:
 
     def chi2(self, chosen: Sequence[Variable], x: Array) -> float:
         r = self.residual(chosen, x)
-        return math.inf if r is None else float(r @ r)
+        with np.errstate(over="ignore"):  # a number that is far off may make the motion run away
+            return math.inf if r is None else float(r @ r)
 
     def fitted(self, chosen: Sequence[Variable], starts: Sequence[Array]) -> _Found | None:
         """From the best of some starts."""

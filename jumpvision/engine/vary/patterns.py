@@ -37,7 +37,8 @@ class Pattern:
     variables: of each coefficient, mostly the same. of: what it goes with, None where it has no order. design: (N, k).
     members: recordings that stand apart. at: (N,) abscissa, NaN where not known. break_at: where a step or a bend lies,
     in units of `at`. log_price: of the alternatives of its kind. since: (N,) as in Apart. widths: (k,) of the
-    coefficients before the data, in the place of the numbers' spreads: of a number that is off by a factor.
+    coefficients before the data, in the place of the numbers' spreads: of a number that is off by a factor. also: other
+    numbers of the same recording that do as well.
     """
 
     variables: tuple[Variable, ...]
@@ -50,6 +51,7 @@ class Pattern:
     log_price: float = 0.0
     since: Array | None = None
     widths: Array | None = None
+    also: tuple[str, ...] = ()
 
     @property
     def variable(self) -> Variable:
