@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import jumpvision as jv
 from jumpvision.engine.study.inputs import applied, factors_of
@@ -94,7 +95,7 @@ def test_an_input_in_the_wrong_unit():
     found = jv.diagnose(swings(given), pendulum.study())
     assert told(found) == [("input start", "odd", ("swing 5",))], found.sentence
     assert found.varies[0].value == pytest.approx(np.pi / 180.0, rel=0.01)
-    assert "input start is 0.0175 times what is declared in swing 5" in found.sentence
+    assert "The input start is 0.0175 times what is declared in swing 5" in found.sentence
 
 
 def test_two_recordings_with_each_other_s_inputs():
@@ -114,3 +115,20 @@ def test_only_inputs_that_are_measured_and_differ_are_asked_of():
     parameters, recording = applied({"k": 2.0, "input start": 10.0}, some[2])
     assert parameters == {"k": 2.0} and recording.inputs["start"] == pytest.approx(2.0)
     assert recording.inputs["force"] is each[2]["force"] and some[2].inputs["start"] == pytest.approx(0.2)
+
+
+def test_a_number_that_drifts_beside_a_force_that_passes_the_test_alone():
+    rng, some = np.random.default_rng(4), []
+    for k in range(8):
+        w, start = 60.0 * (1.0 + 0.0008 * k / 7), 0.3 + 0.1 * ((3 * k) % 8)
+
+        def rate(_, s, w=w):
+            return [s[1], -w * np.sin(s[0]) - 0.3 * np.tanh(s[1] / 0.02)]
+
+        span = (0.0, pendulum.T[-1])
+        y = solve_ivp(rate, span, [start, 0.0], "DOP853", pendulum.T, rtol=1e-9, atol=1e-11, max_step=5e-3).y[0]
+        values = y + 1e-3 * rng.standard_normal(y.size)
+        some.append(jv.Recording(f"swing {k}", pendulum.T, values, {"start": start}, order=k))
+    found = jv.diagnose(some, pendulum.study())
+    assert found.named == ("dry_friction",) and told(found)[0][:2] == ("W", "drift"), found.sentence
+    assert found.varies[0].value / found.varies[0].declared == pytest.approx(1.0008, abs=1e-4)  # sigma 0.05e-3

@@ -84,6 +84,7 @@ def name(
     search.run(enough)
     if beside is not None:
         search.race(varying(search, beside))
+        likelier_than(search, frozenset(beside.mechanisms))
     passing = likelier(search)
     key = passing[0] if passing else established(search)
     if key:
@@ -108,6 +109,14 @@ def name(
     suffices = 1.0 if passing else least_doubt(search.test(likeliest).p_value)
     by_chance = not key and bool(search.passing())
     return Naming(named, status, best, tried, twins, share, probabilities, wider, suffices, by_chance)
+
+
+def likelier_than(search: Search, key: Key) -> None:
+    """Tests the sets that are likelier than one, the likeliest first, down to one that passes."""
+    chance = search.log_probability
+    for k in sorted((k for k in search.fits if chance(k) > chance(key)), key=lambda k: -chance(k)):
+        if not search.test(k).discrepant:
+            return
 
 
 def varying(search: Search, beside: Fit) -> list[Start]:

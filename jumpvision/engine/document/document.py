@@ -64,6 +64,12 @@ class Speaker(Protocol):
     def words(self, data: Diagnosis) -> Words: ...
 
 
+def twins(each: Sequence[Sequence[str]], called: Mapping[str, str]) -> tuple[tuple[str, ...], ...]:
+    """What the data cannot tell apart, as a reader has it: forms of one pattern are one."""
+    names = (tuple(dict.fromkeys(called.get(m, m) for m in t)) for t in each)
+    return tuple(t for t in names if len(t) > 1)
+
+
 def document(d: Findings, speaker: Speaker, stopped: str = "") -> Diagnosis:
     """The record of findings. stopped: why they are not all that there could be; "" where they are."""
     d = worth_telling(d)
@@ -85,7 +91,7 @@ def document(d: Findings, speaker: Speaker, stopped: str = "") -> Diagnosis:
         status=n.status if n else record.Status.UNDETERMINED if stopped else record.Status.COMPLETE,
         left_over=left_over(d, speaker),
         detectable=tuple(record.Detectable(x.mechanism, x.parameter, x.value, x.unit) for x in d.detectable),
-        indistinguishable=tuple(tuple(called.get(m, m) for m in t) for t in n.twins) if n else (),
+        indistinguishable=twins(n.twins, called) if n else (),
         closest=closest(d, speaker),
         unexplained=d.left if d.left and d.left.terms else None,
         extended_model=speaker.model(d.best),

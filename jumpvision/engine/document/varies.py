@@ -153,9 +153,10 @@ def _share(v: Varies, factor: float = 1.0) -> str:
 
 
 def _digits(value: float, sigma: float) -> int:
-    """After the point: what sigma is worth, one of a value from 1 on, three at most."""
+    """After the point: what sigma is worth, one of a value from 1 on, three at most, or two that are not zero."""
     worth = -math.floor(math.log10(sigma)) if math.isfinite(sigma) and sigma > 0.0 else 1
-    return min(max(worth, 0), 1 if value >= 1.0 else 3)
+    two = 1 - math.floor(math.log10(value)) if 0.0 < value < 1.0 else 1
+    return min(max(worth, 0), 1 if value >= 1.0 else max(3, two))
 
 
 def _absolute(v: Varies) -> str:

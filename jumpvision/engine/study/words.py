@@ -18,6 +18,12 @@ from jumpvision.engine.order import Findings
 from .system import DUMMY, Studied
 
 SEVERAL = "noise"  # the unit of several channels: each in its own
+CALLED = {  # what the readings of a recording may have wrong
+    "scale": "the scale of the readings",
+    "clock_offset": "the offset of the clock",
+    "clock_rate": "the rate of the clock",
+    "lost_frames": "the count of lost samples",
+}
 
 
 @dataclass(frozen=True)
@@ -89,7 +95,8 @@ class StudySpeaker:
             return f"{said(x, '.2g')}{unit}"
 
         misses = f"The simulation misses the recordings by {size(data.baseline.rmse_track_m)} rms"
-        quantities = {p.name: p.words for p in self.system.study.parameters if p.words}
+        quantities = CALLED | {n: f"the {n}" for n in self.system.inputs}
+        quantities |= {p.name: p.words for p in self.system.study.parameters if p.words}
         return Words(misses, size, lacks=lacks, called=lacks, quantities=quantities)
 
 
