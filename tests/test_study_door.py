@@ -104,6 +104,31 @@ def test_a_law_that_no_mechanism_of_a_study_is_is_found():
     assert np.std(np.concatenate([x.measured - x.extended for x in found.traces])) < 1.2 * SIGMA
 
 
+def braked(p, r, force):
+    return coast(p, r, lambda v: force(v=v) - p["c"] * v)
+
+
+def test_a_weak_law_that_few_recordings_show_is_told_and_none_is_set_aside():
+    """v' = -c v - k |v| v, closed: v = c v0 e / (c + k |v0| (1 - e)), e = exp(-c t). Beside a fitted c the fast runs
+    show k, by less than would halve the error; r is k v^2 at the typical size."""
+    rng, c, k, size = np.random.default_rng(6), 0.8, 0.004, 2.0
+    runs = []
+    for start in (0.3, -0.5, 0.7, -0.9, 1.4, -2.0, 2.6, -3.0):
+        e = np.exp(-c * T)
+        v = c * start * e / (c + k * abs(start) * (1 - e))
+        runs.append(jv.Recording(f"from {start}", T, v + SIGMA * rng.standard_normal(T.size), {"start": start}))
+    tilt = jv.Mechanism("tilt", [jv.Parameter("a", 0.0, (-5, 5))], law="-a")
+    free = [jv.Parameter("c", 0.7, (0, 3))]
+    asked = jv.Study(braked, free, [tilt], [jv.Channel("v", "m/s", noise=SIGMA)], symbols={"v": size}, force=2.0)
+    found = jv.diagnose(runs, asked)
+    law = found.discovered
+    assert law is not None and law.law == "-r * sign(v) * abs(v / 2)**p" and not found.varies and not found.named
+    for name, true in (("p", 2.0), ("r", k * size**2)):
+        assert abs(law.parameters[name].value - true) < 4 * law.parameters[name].sigma
+    assert abs(found.fitted["c"].value - c) < 4 * found.fitted["c"].sigma
+    assert 1.2 < found.gain.ratio < 2.0  # which the law's former first strength, 0, made 1
+
+
 def pulled(p, r):
     """A line whose slope is an input u; two causes are alike but for a bump of one about u = 2.5."""
     u = r.inputs["u"]
