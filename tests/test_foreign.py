@@ -130,7 +130,8 @@ def test_a_parameter_that_matters_only_beside_another_is_not_idle():
         [jv.Channel(noise=1e-2)],
     )
     found = jv.diagnose([jv.Recording("one", t, y)], study)
-    assert not found.doubts and abs(found.fitted["phase"].value - 0.7) < 4 * found.fitted["phase"].sigma
+    assert found.adequate and not found.doubts
+    assert abs(found.fitted["phase"].value - 0.7) < 4 * found.fitted["phase"].sigma < 0.05
 
 
 def test_a_curved_ridge_is_followed_to_its_ends():

@@ -32,7 +32,7 @@ def falls(seed, g=9.81, c=0.0, n=3):
 
 def study(**more):
     drag = jv.Mechanism("drag", [jv.Parameter("c", 0.0, (-5, 5), unit="m/s^3")], "the drag of the air")
-    given = {"mechanisms": [drag], "channels": [jv.Channel("y", "m", noise=SIGMA)], **more}
+    given = {"mechanisms": [drag], "channels": [jv.Channel("y", "m", noise=SIGMA, consider=())], **more}
     return jv.Study(fall, [jv.Parameter("g", 9.8, (9, 11))], **given)
 
 
@@ -127,6 +127,52 @@ def test_a_weak_law_that_few_recordings_show_is_told_and_none_is_set_aside():
         assert abs(law.parameters[name].value - true) < 4 * law.parameters[name].sigma
     assert abs(found.fitted["c"].value - c) < 4 * found.fitted["c"].sigma
     assert 1.2 < found.gain.ratio < 2.0  # which the law's former first strength, 0, made 1
+
+
+LONG = np.arange(100) / 50
+
+
+def shaken(p, r):
+    """x'' = -W (x - 0.1 cos 5 t) - c x' by leapfrog, 2 ms."""
+    h, x, v, out = 2e-3, r.inputs["start"], 0.0, []
+    for t in LONG:
+        out.append(x)
+        for k in range(10):
+            x += h / 2 * v
+            v += h * (p["W"] * (0.1 * math.cos(5 * (t + (k + 0.5) * h)) - x) - p["c"] * v)
+            x += h / 2 * v
+    return np.array(out)
+
+
+@pytest.mark.parametrize(
+    ("law", "true"), [("delay", 0.008), ("scale", 1.03), ("rate", 4e-3), ("zero", 2e-3), ("", 0.0)]
+)
+def test_faults_of_the_instrument_are_tried_unasked(law, true):
+    """Readings by the closed solution (W = 60, no damping): scale x(t + rate t - delay) + zero, by 8 ms, 3 %, 0.4 %,
+    2 mm beside noise of 0.5 mm; none of them, and none with consider=(), is named."""
+    rng, w, runs = np.random.default_rng(8), math.sqrt(60), []
+    at = LONG * (1 + (true if law == "rate" else 0)) - (true if law == "delay" else 0)
+    forced = 0.1 * 60 / (60 - 25)
+    for start in (0.1, 0.2, -0.3):
+        x = forced * np.cos(5 * at) + (start - forced) * np.cos(w * at)
+        x = x * (true if law == "scale" else 1) + (true if law == "zero" else 0)
+        runs.append(jv.Recording(f"from {start}", LONG, x + 5e-4 * rng.standard_normal(100), {"start": start}))
+    cause = jv.Mechanism("damping", [jv.Parameter("c", 0.0, (0, 3), scale=0.1)])
+
+    def asked(**more):
+        channels = [jv.Channel("x", "m", noise=5e-4, **more)]
+        return jv.diagnose(runs, jv.Study(shaken, [jv.Parameter("W", 58.0, (30, 90))], [cause], channels))
+
+    found = asked()
+    assert found.named == ((f"x_{law}",) if law else ()) and found.adequate == (law == "")
+    if law:
+        value = found.fitted[f"x_{law}"]
+        assert abs(value.value - true) < 4 * value.sigma < 0.2 * abs(true) and found.status == "complete"
+        assert found.lacks[f"x_{law}"] in found.sentence and not any(
+            n.startswith("x_") for n in asked(consider=()).lacks
+        )
+    else:
+        assert {d.mechanism for d in found.detectable} == {"damping", "x_scale", "x_delay", "x_rate", "x_zero"}
 
 
 def pulled(p, r):

@@ -255,6 +255,7 @@ class DoubtKind(StrEnum):
     CANNOT_TELL = "cannot tell"
     STEPPED = "stepped"
     TWO_FITS = "two fits"
+    WRONG_JACOBIAN = "wrong jacobian"
 
 
 @dataclass(frozen=True)

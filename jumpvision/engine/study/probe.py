@@ -20,6 +20,7 @@ from jumpvision.base.numbers import said
 from jumpvision.engine.document.values import Doubt, DoubtKind
 
 from .learn import Probed
+from .processes import Ask
 from .runs import BudgetUsed, SimulatorError
 from .system import Studied
 
@@ -56,7 +57,7 @@ def probe(system: Studied) -> Probed:
     steps: dict[str, float] = {}
     idle: list[_Place] = []
     doubts: list[Doubt] = []
-    error = np.zeros(len(system.study.channels))
+    error, slopes, exact = np.zeros(len(system.study.channels)), _Slopes(system), set[str]()
     try:
         for place in _places(system):
             found = _look(system, place, 0, FINE)
@@ -64,10 +65,13 @@ def probe(system: Studied) -> Probed:
                 if found is not None and _never(system, place):
                     idle.append(place)
                 continue
-            if found.smooth(ALIKE):
-                continue
-            finer = _look(system, place, 0, LADDER)
-            if finer is None or finer.smooth(CLOSE):
+            finer = None if found.smooth(ALIKE) else _look(system, place, 0, LADDER)
+            if found.smooth(ALIKE) or finer is None or finer.smooth(CLOSE):
+                own = slopes.given(place)
+                if own is not None and (far := (finer or found).apart(own, system, place)):
+                    doubts.append(Doubt(DoubtKind.WRONG_JACOBIAN, (place.name,), far))
+                elif own is not None:
+                    exact.add(place.name)
                 continue
             steps[place.name] = (step := finer.step())
             error = np.maximum(error, finer.error(place.name in {p.name for p in system.each}))
@@ -78,7 +82,7 @@ def probe(system: Studied) -> Probed:
         what = f"mechanism {p.owner!r}: its parameter" if p.owner else "parameter"
         text = f"{what} {p.name!r} has no effect on any output: see whether the function reads it by this name"
         doubts.append(Doubt(DoubtKind.NO_EFFECT, (p.name,), text))
-    return Probed(steps, tuple(p.name for p in idle), error, tuple(doubts))
+    return Probed(steps, tuple(p.name for p in idle), error, tuple(doubts), frozenset(exact))
 
 
 def _stepped(p: _Place, step: float) -> Doubt:
@@ -141,6 +145,21 @@ class _Look:
         size = float(np.linalg.norm(g[1]))
         return size > 0.0 and float(np.linalg.norm(g[0] - foretold)) <= alike * max(size, float(np.linalg.norm(g[0])))
 
+    def apart(self, own: Array, system: Studied, p: _Place) -> str:
+        """Where the function's own derivative (n, channels) is another than differences say; "" where it is none."""
+        s, g = np.abs(self.offsets) / self.scale, self._slopes()
+        by_steps = g[0] - (g[1] - g[0]) * s[0] / (s[1] - s[0])
+        mine = own * self.scale / self.units
+        if np.linalg.norm(mine - by_steps) <= ALIKE * max(np.linalg.norm(by_steps), np.linalg.norm(mine)):
+            return ""
+        i, k = divmod(int(np.argmax(np.abs(mine - by_steps))), mine.shape[1])
+        r, c, back = system.recordings[0], system.study.channels[k], self.units[k] / self.scale
+        return (
+            f"the function's own derivative by {p.name!r} is {said(float(own[i, k]), '.4g')}, a difference's "
+            f"{said(float(by_steps[i, k] * back), '.4g')} (recording {r.name!r}, t = {r.t[i]:g} s, {c.name}): "
+            "differences are used for it"
+        )
+
     def _cubic(self) -> tuple[Array, Array, Array]:
         """(coefficients (3, n, channels) of a cubic through the three largest changes, their offsets, what the smaller
         ones leave of it)."""
@@ -167,6 +186,23 @@ class _Look:
             along = c[0] / length
             left = left - np.sum(left * along, axis=(1, 2))[:, None, None] * along
         return np.asarray(np.sqrt(np.mean(left**2, axis=(0, 1))) * self.units)
+
+
+class _Slopes:
+    """The derivatives that the study's function brings itself, in the first recording."""
+
+    def __init__(self, system: Studied) -> None:
+        self.system, self.known = system, dict[tuple[float, ...], Mapping[str, Array]]()
+
+    def given(self, p: _Place) -> Array | None:
+        """By a parameter, where it is looked at."""
+        if p.function != 0:
+            return None
+        x = _values(self.system, p, 0)
+        if (key := tuple(x.tolist())) not in self.known:
+            asked = Ask(0, 0, dict(zip(self.system.names, key)))
+            (self.known[key],) = self.system.runs.slopes([asked])
+        return self.known[key].get(p.name)
 
 
 def _look(system: Studied, p: _Place, i: int, shares: Sequence[float]) -> _Look | None:

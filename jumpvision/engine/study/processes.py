@@ -38,11 +38,12 @@ Given = object  # what a user's function gives, or a Failure; `Runs` checks it
 
 @dataclass(frozen=True)
 class Ask:
-    """One run: which of the study's functions, which recording, with what."""
+    """One run: which of the study's functions, which recording, with what. slopes: its derivatives are asked for."""
 
     function: int
     recording: int
     parameters: Values
+    slopes: bool = False
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ class Here:
         self.study, self.recordings = study, recordings
 
     def results(self, asked: Sequence[Ask]) -> Iterator[tuple[int, Given]]:
-        if not self.study.batch:
+        if not self.study.batch or any(a.slopes for a in asked):
             for k, a in enumerate(asked):
                 yield k, _run(self.study, self.recordings, a)
             return
@@ -102,6 +103,10 @@ class Here:
 def _run(study: Study, recordings: Sequence[Recording], ask: Ask) -> Given:
     """One run; what the function raises is a failure with its place."""
     try:
+        if ask.slopes:
+            from .jacobian import derivatives
+
+            return derivatives(study, ask.parameters, recordings[ask.recording])
         return study.functions[ask.function](*study.arguments(ask.parameters, recordings[ask.recording]))
     except Exception as e:  # a user's function may raise anything
         has = f"; the recording has the inputs {', '.join(recordings[ask.recording].inputs) or '(none)'}"
@@ -255,7 +260,8 @@ def _serve(connection: Connection, folder: str, given: tuple[Study | str, list[R
         except EOFError:
             return
         if isinstance(asked, Ask):
-            result = _batch(study, recordings, [asked])[0] if study.batch else _run(study, recordings, asked)
+            alone = asked.slopes or not study.batch
+            result = _run(study, recordings, asked) if alone else _batch(study, recordings, [asked])[0]
             connection.send(result if isinstance(result, Failure) else _portable(result))
         else:
             connection.send(_description(study, recordings))
