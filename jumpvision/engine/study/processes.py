@@ -38,12 +38,19 @@ Given = object  # what a user's function gives, or a Failure; `Runs` checks it
 
 @dataclass(frozen=True)
 class Ask:
-    """One run: which of the study's functions, which recording, with what. slopes: its derivatives are asked for."""
+    """One run: which of the study's functions, which recording, with what. slopes: its derivatives are asked for;
+    later: [s] by which all times are shifted."""
 
     function: int
     recording: int
     parameters: Values
     slopes: bool = False
+    later: float = 0.0
+
+    def of(self, recordings: Sequence[Recording]) -> Recording:
+        """What is simulated."""
+        r = recordings[self.recording]
+        return replace(r, t=r.t + self.later) if self.later else r
 
 
 @dataclass(frozen=True)
@@ -106,8 +113,8 @@ def _run(study: Study, recordings: Sequence[Recording], ask: Ask) -> Given:
         if ask.slopes:
             from .jacobian import derivatives
 
-            return derivatives(study, ask.parameters, recordings[ask.recording])
-        return study.functions[ask.function](*study.arguments(ask.parameters, recordings[ask.recording]))
+            return derivatives(study, ask.parameters, ask.of(recordings))
+        return study.functions[ask.function](*study.arguments(ask.parameters, ask.of(recordings)))
     except Exception as e:  # a user's function may raise anything
         has = f"; the recording has the inputs {', '.join(recordings[ask.recording].inputs) or '(none)'}"
         return Failure(_raised(e) + (has if isinstance(e, KeyError) else ""))
@@ -116,7 +123,7 @@ def _run(study: Study, recordings: Sequence[Recording], ask: Ask) -> Given:
 def _batch(study: Study, recordings: Sequence[Recording], asked: Sequence[Ask]) -> list[Given]:
     """Runs of one function at once."""
     try:
-        given = [dict(a.parameters) for a in asked], [recordings[a.recording] for a in asked]
+        given = [dict(a.parameters) for a in asked], [a.of(recordings) for a in asked]
         out = list(study.functions[asked[0].function](*given))
     except Exception as e:
         return [Failure(_raised(e))] * len(asked)

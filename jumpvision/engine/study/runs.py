@@ -149,7 +149,8 @@ class Runs:
 
     def _key(self, ask: Ask) -> bytes:
         text = repr([(n, f"{v:.12e}") for n, v in sorted(ask.parameters.items())])
-        return hashlib.sha256(f"{self.digests[ask.recording]} {ask.function} {text}".encode()).digest()
+        shifted = f" {ask.later!r} s" if ask.later else ""
+        return hashlib.sha256(f"{self.digests[ask.recording]} {ask.function} {text}{shifted}".encode()).digest()
 
     def _kept(self, key: bytes, ask: Ask) -> Array | None:
         if key in self.held:
