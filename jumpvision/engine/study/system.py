@@ -226,6 +226,11 @@ class Studied:
         read = [c.name for c, m in zip(self.study.channels, self.masks[i].T) if m.sum() >= 2]
         return self.observations[i].blocks[read.index(channel)].readings if channel in read else None
 
+    def blocks(self, i: int) -> dict[int, slice]:
+        """Where in an observation the readings of each channel are, by its place."""
+        read = [k for k, m in enumerate(self.masks[i].T) if m.sum() >= 2]
+        return {k: b.readings for k, b in zip(read, self.observations[i].blocks)}
+
     def varying(self, weighed: Sequence[Weighed], log_price: float = 0.0) -> Self:
         """The same recordings with these patterns, by which numbers differ between them, beside the mechanisms."""
         from jumpvision.engine.vary.candidates import candidate
