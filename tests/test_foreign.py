@@ -130,7 +130,8 @@ def test_a_parameter_that_matters_only_beside_another_is_not_idle():
         [jv.Channel(noise=1e-2)],
     )
     found = jv.diagnose([jv.Recording("one", t, y)], study)
-    assert not found.doubts and abs(found.fitted["phase"].value - 0.7) < 4 * found.fitted["phase"].sigma
+    assert found.adequate and not found.doubts
+    assert abs(found.fitted["phase"].value - 0.7) < 4 * found.fitted["phase"].sigma < 0.05
 
 
 def test_a_curved_ridge_is_followed_to_its_ends():
@@ -148,3 +149,28 @@ def test_a_curved_ridge_is_followed_to_its_ends():
     assert doubt.kind == "cannot tell" and set(doubt.names) == {"a", "b"} and "cannot tell them apart" in found.sentence
     for name in "ab":
         assert found.fitted[name].low < 0.65 and found.fitted[name].high > 4.8
+
+
+MARCH = 2.3e-3  # s, of a simulator's steps, between which it stands
+
+
+def test_a_march_that_shows_at_shifted_times_alone_enters_the_noise():
+    """A fall read at its last step before each time: smooth in g, late by 0 to MARCH, evenly; a speed of rms v makes of
+    it a standard deviation of v MARCH / sqrt(12), to a tenth (80 samples). The same fall without steps has none."""
+    t, rng = np.arange(80) / 200, np.random.default_rng(SEED)
+    recordings = [jv.Recording(f"fall {k}", t, 0.5 * 9.81 * t**2 + 1e-3 * rng.standard_normal(80)) for k in range(3)]
+
+    def marching(p, r):
+        return 0.5 * p["g"] * (np.floor(r.t / MARCH) * MARCH) ** 2
+
+    def asked(function):
+        channels = [jv.Channel("y", "m", noise=1e-3, delay_sigma=0.01)]
+        return jv.diagnose(recordings, jv.Study(function, [jv.Parameter("g", 9.7, (9, 11))], [], channels))
+
+    found = asked(marching)
+    (doubt,) = found.doubts
+    own = found.noise.sources["the simulator"].sigma_m
+    assert doubt.names == ("time",) and "shifted times" in doubt.words and found.baseline.chi2_per_dof < 1.5
+    assert own == pytest.approx(9.7 * float(np.sqrt(np.mean(t**2))) * MARCH / math.sqrt(12), rel=0.2)
+    plain = asked(lambda p, r: 0.5 * p["g"] * r.t**2)
+    assert not plain.doubts and "the simulator" not in plain.noise.sources

@@ -52,7 +52,8 @@ ROBOT = {
 }
 EVERYTHING = (
     "q * sin({0}) * sqrt(1 + {0}**2) + q * where({0} > 0.1, {0}**3, abs({0})**1.5) - q * exp(-{0}) * sign({0}) "
-    "+ q * minimum({0}, 0.2) / maximum(cos({0}), 0.3) + q * log(2 + {0}**2)**-2 * tan(x)"
+    "+ q * minimum({0}, 0.2) / maximum(cos({0}), 0.3) + q * log(2 + {0}**2)**-2 * tan(x) "
+    "- q * tanh({0} / 0.3)"
 )
 
 

@@ -183,6 +183,7 @@ BAD = [
     ("q if z else v", "is not read"),
     ("[q for q in z]", "is not read"),
     ("exp(v) * q", "divide it by a scale"),
+    ("tanh(v) * q", "tanh of a quantity of the dimension"),
     ("z + v", "same dimension"),
     ("sqrt(v, z)", "1 argument"),
     ("q * " + "(" * 90 + "z" + ")" * 90 + "*z" * 150, "at most 400"),

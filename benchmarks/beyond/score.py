@@ -112,7 +112,8 @@ def _protected(a: Array, b: Array) -> Array:
 
 FUNCTIONS: dict[str, Any] = {
     "abs": np.abs, "sign": lambda x: np.tanh(x / mo.STILL), "sqrt": lambda x: np.sqrt(np.abs(x)), "exp": np.exp,
-    "log": np.log, "tan": np.tan, "sin": np.sin, "cos": np.cos, "minimum": np.minimum, "maximum": np.maximum,
+    "log": np.log, "tan": np.tan, "sin": np.sin, "cos": np.cos, "tanh": np.tanh,
+    "minimum": np.minimum, "maximum": np.maximum,
     "where": np.where, "add": np.add, "sub": np.subtract, "mul": np.multiply, "div": _protected,
     "power": lambda a, b: np.nan_to_num(np.abs(a) ** np.clip(b, -2.0, 3.0)),
     "expo": lambda a: np.exp(np.clip(a, -20.0, 5.0)),

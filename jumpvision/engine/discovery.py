@@ -23,8 +23,9 @@ from .system import System
 
 ROUNDS = ((3, 16), (5, 7))  # iterations of a fit in each of them, and forms that go on
 LEVEL = 2.0  # of log likelihood: forms that predict alike; the simpler is taken
-ENOUGH = 0.9  # share of what the baseline gets wrong that a law must explain to be told
+ENOUGH = 0.9  # share of what the baseline gets wrong that a law must explain to be told where it leaves misfit
 SEED = 2  # of the look at the forms: the same data give the same law
+SURE = 10.0  # of log likelihood on conditions held out: far beyond what the best of all forms gains by chance
 DRAWS = 500  # of the groups, for how often a form wins
 TOLD = 0.05  # share of the draws from which a form is told
 
@@ -34,7 +35,8 @@ class Discovery:
     """A law and how well it holds. fit: of the model with it, last of its mechanisms, after those it stands beside.
 
     r2: share of the baseline's excess over the noise that it explains. stability: how often each form wins when groups
-    of trials are drawn again. rivals: forms that predict as well, within LEVEL.
+    of trials are drawn again. rivals: forms that predict as well, within LEVEL. gained: of log likelihood on conditions
+    held out, beyond the better of the models that it stands beside.
     """
 
     form: str
@@ -44,6 +46,12 @@ class Discovery:
     stability: Mapping[str, float]
     rivals: tuple[str, ...]
     detection: Detection
+    gained: float
+
+    @property
+    def sure(self) -> bool:
+        """Whether noise alone is left beside it, and chance does not gain so much."""
+        return not self.detection.discrepant and self.gained > SURE
 
 
 @dataclass(frozen=True)
@@ -98,7 +106,12 @@ class Laws:
     def alone(self, search: Search) -> bool:
         """Whether one law beside the baseline leaves nothing over: then larger sets are not tried."""
         self.say("no two mechanisms of the vocabulary explain all of it: searching for a law")
-        self._ask(search.base)
+        return self.explains(search.base)
+
+    def explains(self, base: Fit) -> bool:
+        """Whether one law beside the baseline leaves nothing over."""
+        if not self.asked:
+            self._ask(base)
         return self.found is not None and not self.found.detection.discrepant
 
     def law(self, base: Fit, n: Naming) -> Law | None:
@@ -127,7 +140,8 @@ def discover(
     forms: Sequence[str],
     rng: np.random.Generator,
 ) -> Discovery | None:
-    """The form that explains what a fit leaves over; None where none explains ENOUGH of what the baseline gets wrong.
+    """The form that explains what a fit leaves over; None where none leaves noise alone, or explains ENOUGH of what the
+    baseline gets wrong.
 
     problem: of a system that has the forms among its candidates. fit: the model beside which they are tried.
     """
@@ -143,11 +157,11 @@ def discover(
         return None
     top = max(s for _, s in better)
     level = [(f, s) for f, s in better if s >= top - LEVEL]
-    best, _ = min(level, key=lambda x: (at_end(x[0]), len(x[0].parameters), -x[1]))
+    best, score = min(level, key=lambda x: (at_end(x[0]), len(x[0].parameters), -x[1]))
     r2 = explained(problem, base, best.chi2)
-    if r2 < ENOUGH:
-        return None
     test = detect(problem, best, directions(problem, best, _listed(problem, forms)), rng)
+    if r2 < ENOUGH and test.discrepant:  # what passes leaves noise alone, a large share of a small misfit
+        return None
     return Discovery(
         best.mechanisms[-1],
         fit,
@@ -156,6 +170,7 @@ def discover(
         wins(problem, [f for f, _ in better], rng, TOLD),
         tuple(f.mechanisms[-1] for f, _ in level if f is not best),
         test,
+        score - limit,
     )
 
 

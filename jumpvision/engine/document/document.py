@@ -151,8 +151,9 @@ def titles(d: Findings) -> Mapping[str, str]:
 
 
 def worth_telling(d: Findings) -> Findings:
-    """Without a law of no list that does not halve the error, on conditions held out where they were predicted."""
-    if d.law is None:
+    """Without a law of no list that may be chance and does not halve the error, on conditions held out where they were
+    predicted."""
+    if d.law is None or d.law.found.sure:
         return d
     ratio = d.gain.ratio if d.gain else math.sqrt(d.baseline.chi2 / max(d.law.fit.chi2, 1e-300))
     return d if ratio >= HALVED else replace(d, law=None, gain=None, extrapolation=None)

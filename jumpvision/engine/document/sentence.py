@@ -75,7 +75,8 @@ def _left(d: Diagnosis, does: str) -> str:
         return _generic(d, does)
     if not (d.left_over and d.left_over.look_at):
         return ""
-    return f"; what is left has no simple form: look at {some(d.left_over.look_at)}"
+    lies = f"; {d.left_over.where}" if d.left_over.where else ""
+    return f"; what is left has no simple form: look at {some(d.left_over.look_at)}{lies}"
 
 
 def _unnamed(d: Diagnosis, words: Words) -> str:

@@ -207,12 +207,13 @@ class Gain:
 class LeftOver:
     """What the extended model (the baseline, where nothing is named) leaves: chi^2 per degree of freedom, share of what
     the baseline gets wrong (its excess of chi^2); widened: factor on the intervals for it. look_at: recordings with the
-    largest misfit."""
+    largest misfit; where: what part of it lies in one recording, time and state, in words."""
 
     chi2_per_dof: float
     share: float
     widened: float
     look_at: tuple[str, ...] = field(default=(), metadata=OPTIONAL)
+    where: str = field(default="", metadata=OPTIONAL)
 
 
 @dataclass(frozen=True)
@@ -257,6 +258,7 @@ class DoubtKind(StrEnum):
     CANNOT_TELL = "cannot tell"
     STEPPED = "stepped"
     TWO_FITS = "two fits"
+    WRONG_JACOBIAN = "wrong jacobian"
 
 
 @dataclass(frozen=True)

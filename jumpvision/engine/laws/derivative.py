@@ -57,6 +57,8 @@ def _outer(n: Node, a: Node) -> Node:
         return div(ONE, a)
     if n.step is Step.TAN:
         return add(ONE, mul(n, n))
+    if n.step is Step.TANH:
+        return sub(ONE, mul(n, n))
     return Node(Step.COS, (a,)) if n.step is Step.SIN else negative(Node(Step.SIN, (a,)))
 
 

@@ -96,7 +96,7 @@ def _dimension(node: Node, units: Mapping[str, dict[str, float]]) -> dict[str, f
         return {k: 0.5 * v for k, v in first.items()}
     if node.step is Step.POW:
         return _of_power(node, first, of[1] or {})
-    if node.step in (Step.EXP, Step.LOG, Step.TAN, Step.SIN, Step.COS):
+    if node.step in (Step.EXP, Step.LOG, Step.TAN, Step.SIN, Step.COS, Step.TANH):
         if _differ(first, {}):
             raise LawError(f"{node.step.value} of a quantity of the dimension {_words(first)}: divide it by a scale")
         return {}

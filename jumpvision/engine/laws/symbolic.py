@@ -13,6 +13,7 @@ NAMESPACE = SimpleNamespace(
     tan=ca.tan,
     sin=ca.sin,
     cos=ca.cos,
+    tanh=ca.tanh,
     abs=ca.fabs,
     sign=ca.sign,
     minimum=ca.fmin,

@@ -38,6 +38,7 @@ class Step(Enum):
     TAN = "tan"
     SIN = "sin"
     COS = "cos"
+    TANH = "tanh"
     MINIMUM = "minimum"
     MAXIMUM = "maximum"
     WHERE = "where"
@@ -47,7 +48,7 @@ COMPARISONS = (Step.LT, Step.LE, Step.GT, Step.GE, Step.EQ, Step.NE)
 ARGUMENTS = {
     s.value: n
     for n, steps in {
-        1: (Step.ABS, Step.SIGN, Step.SQRT, Step.EXP, Step.LOG, Step.TAN, Step.SIN, Step.COS),
+        1: (Step.ABS, Step.SIGN, Step.SQRT, Step.EXP, Step.LOG, Step.TAN, Step.SIN, Step.COS, Step.TANH),
         2: (Step.MINIMUM, Step.MAXIMUM),
         3: (Step.WHERE,),
     }.items()

@@ -23,6 +23,7 @@ class StudyForms:
     def law(self, found: Discovery, problem: Problem) -> Law:
         """What was found, beside the study's own mechanisms."""
         form, mechanism = self.library[found.form]
+        mechanism = begun(mechanism, found.fit)
         described = record.Discovered(
             law=form.law(),
             acts_on="",
@@ -36,6 +37,12 @@ class StudyForms:
             rivals=tuple(self.library[name][0].law() for name in found.rivals),
         )
         return Law(found, with_laws(self.system, mechanism), found.fit, described)
+
+
+def begun(mechanism: Mechanism, fit: Fit) -> Mechanism:
+    """With the values of a fit as first values: from a strength of 0 its shapes cannot be fitted."""
+    own = [dataclasses.replace(p, start=fit.named[p.name]) for p in mechanism.parameters]
+    return dataclasses.replace(mechanism, parameters=tuple(own))
 
 
 def with_laws(system: Studied, *laws: Mechanism) -> Studied:

@@ -45,7 +45,9 @@ class Ridge:
 def with_ridges(problem: Problem, d: Findings) -> tuple[Findings, tuple[Doubt, ...]]:
     """The findings, what they stand by with intervals that are no narrower than its ridges; those ridges."""
     fit = d.named_fit
-    if d.law is not None or not fit.parameters or (d.naming is not None and not d.naming.named and not d.adequate):
+    n = d.naming
+    unnamed = n is not None and not n.named and not n.by_chance and not d.adequate  # a rejected model has no intervals
+    if d.law is not None or not fit.parameters or unnamed:
         return d, ()
     found = ridges(problem, fit)
     if not found:
@@ -70,7 +72,8 @@ def hidden(problem: Problem, d: Findings) -> tuple[Doubt, ...]:
         own[x.mechanism] = max(own.get(x.mechanism, 0.0), x.kept)
     system = problem.system
     assert isinstance(system, Studied)
-    asked = [m for m in system.mechanisms if not system.candidates[m].replaces and m not in d.named_fit.mechanisms]
+    known = system.candidates  # what nobody asked for may be hidden unsaid
+    asked = [m for m in system.mechanisms if not (known[m].replaces or known[m].dear or m in d.named_fit.mechanisms)]
     free = ", ".join(p.name for p in d.named_fit.parameters if not p.name.startswith(DUMMY))
     return tuple(
         Doubt(DoubtKind.CANNOT_TELL, (m,), f"these recordings cannot tell {m} from what is fitted ({free})")

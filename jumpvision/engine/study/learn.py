@@ -62,12 +62,14 @@ class Readings:
 class Probed:
     """steps: of a difference, by parameter, where the usual one does not serve; there it is taken on both sides.
     idle: parameters that change no output. error: (channels,) rms by which the function strays from a smooth one, in
-    the channels' units. doubts: what a reader must know of it."""
+    the channels' units. doubts: what a reader must know of it. exact: parameters of which the function's own
+    derivatives are as differences say."""
 
     steps: Mapping[str, float] = field(default_factory=dict)
     idle: tuple[str, ...] = ()
     error: Array = field(default_factory=lambda: np.zeros(0))
     doubts: tuple[Doubt, ...] = ()
+    exact: frozenset[str] = frozenset()
 
 
 def learn_readings(study: Study, recordings: Sequence[Recording]) -> Readings:

@@ -4,7 +4,7 @@ Every parameter is moved over its scale and by small shares of it. Where the slo
 a large one, the usual step of a difference serves. Where it does not, the function marches in steps or is noisy there:
 its slope is that of a cubic through large changes, what the small ones leave of it is the function's own error, and
 differences are taken on both sides at the distance at which this error and the curvature do as little harm as they can
-(More and Wild, ACM Trans. Math. Softw. 38, 19, 2012).
+(More and Wild, ACM Trans. Math. Softw. 38, 19, 2012). The times of a recording are moved in the same way.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from jumpvision.base.arrays import Array
 from jumpvision.base.numbers import said
 from jumpvision.engine.document.values import Doubt, DoubtKind
 
-from .learn import Probed
+from .learn import ROUGH, Probed
+from .processes import Ask
 from .runs import BudgetUsed, SimulatorError
 from .system import Studied
 
@@ -27,6 +28,7 @@ FINE = (1e-3, 3e-2, 1.0)  # scales: changes by which every parameter is moved; t
 LADDER = (1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0)  # the same where the slopes of these disagree
 ALIKE = 0.05  # of a slope: so much a smooth function's may differ from what larger changes foretell, over FINE
 CLOSE = 0.02  # the same over LADDER, whose steps are shorter
+SHIFTS = tuple(0.25 * k for k in range(1, 13))  # samples
 LEAST = 1e-2  # scales: a shorter step is not taken where a function is rough
 
 
@@ -56,7 +58,7 @@ def probe(system: Studied) -> Probed:
     steps: dict[str, float] = {}
     idle: list[_Place] = []
     doubts: list[Doubt] = []
-    error = np.zeros(len(system.study.channels))
+    error, slopes, exact = np.zeros(len(system.study.channels)), _Slopes(system), set[str]()
     try:
         for place in _places(system):
             found = _look(system, place, 0, FINE)
@@ -64,21 +66,27 @@ def probe(system: Studied) -> Probed:
                 if found is not None and _never(system, place):
                     idle.append(place)
                 continue
-            if found.smooth(ALIKE):
-                continue
-            finer = _look(system, place, 0, LADDER)
-            if finer is None or finer.smooth(CLOSE):
+            finer = None if found.smooth(ALIKE) else _look(system, place, 0, LADDER)
+            if found.smooth(ALIKE) or finer is None or finer.smooth(CLOSE):
+                own = slopes.given(place)
+                if own is not None and (far := (finer or found).apart(own, system, place)):
+                    doubts.append(Doubt(DoubtKind.WRONG_JACOBIAN, (place.name,), far))
+                elif own is not None:
+                    exact.add(place.name)
                 continue
             steps[place.name] = (step := finer.step())
             error = np.maximum(error, finer.error(place.name in {p.name for p in system.each}))
             doubts.append(_stepped(place, step))
+        if (below := _marches(system)) is not None:
+            error = np.maximum(error, _at_shifts(system))
+            doubts.append(below)
     except BudgetUsed:
         pass
     for p in idle:
         what = f"mechanism {p.owner!r}: its parameter" if p.owner else "parameter"
         text = f"{what} {p.name!r} has no effect on any output: see whether the function reads it by this name"
         doubts.append(Doubt(DoubtKind.NO_EFFECT, (p.name,), text))
-    return Probed(steps, tuple(p.name for p in idle), error, tuple(doubts))
+    return Probed(steps, tuple(p.name for p in idle), error, tuple(doubts), frozenset(exact))
 
 
 def _stepped(p: _Place, step: float) -> Doubt:
@@ -141,6 +149,21 @@ class _Look:
         size = float(np.linalg.norm(g[1]))
         return size > 0.0 and float(np.linalg.norm(g[0] - foretold)) <= alike * max(size, float(np.linalg.norm(g[0])))
 
+    def apart(self, own: Array, system: Studied, p: _Place) -> str:
+        """Where the function's own derivative (n, channels) is another than differences say; "" where it is none."""
+        s, g = np.abs(self.offsets) / self.scale, self._slopes()
+        by_steps = g[0] - (g[1] - g[0]) * s[0] / (s[1] - s[0])
+        mine = own * self.scale / self.units
+        if np.linalg.norm(mine - by_steps) <= ALIKE * max(np.linalg.norm(by_steps), np.linalg.norm(mine)):
+            return ""
+        i, k = divmod(int(np.argmax(np.abs(mine - by_steps))), mine.shape[1])
+        r, c, back = system.recordings[0], system.study.channels[k], self.units[k] / self.scale
+        return (
+            f"the function's own derivative by {p.name!r} is {said(float(own[i, k]), '.4g')}, a difference's "
+            f"{said(float(by_steps[i, k] * back), '.4g')} (recording {r.name!r}, t = {r.t[i]:g} s, {c.name}): "
+            "differences are used for it"
+        )
+
     def _cubic(self) -> tuple[Array, Array, Array]:
         """(coefficients (3, n, channels) of a cubic through the three largest changes, their offsets, what the smaller
         ones leave of it)."""
@@ -169,6 +192,23 @@ class _Look:
         return np.asarray(np.sqrt(np.mean(left**2, axis=(0, 1))) * self.units)
 
 
+class _Slopes:
+    """The derivatives that the study's function brings itself, in the first recording."""
+
+    def __init__(self, system: Studied) -> None:
+        self.system, self.known = system, dict[tuple[float, ...], Mapping[str, Array]]()
+
+    def given(self, p: _Place) -> Array | None:
+        """By a parameter, where it is looked at."""
+        if p.function != 0:
+            return None
+        x = _values(self.system, p, 0)
+        if (key := tuple(x.tolist())) not in self.known:
+            asked = Ask(0, 0, dict(zip(self.system.names, key)))
+            (self.known[key],) = self.system.runs.slopes([asked])
+        return self.known[key].get(p.name)
+
+
 def _look(system: Studied, p: _Place, i: int, shares: Sequence[float]) -> _Look | None:
     """A parameter moved in one recording; None where a run fails."""
     try:
@@ -185,6 +225,51 @@ def _look(system: Studied, p: _Place, i: int, shares: Sequence[float]) -> _Look 
     units = np.array([n.s for n in system.readings.channels])
     changes = np.stack([(y.y - here.y) / units for y in there])
     return _Look(offsets, changes, units, p.scale) if np.all(np.isfinite(changes)) else None
+
+
+def _marches(system: Studied) -> Doubt | None:
+    """That the function answers to shifted times in steps; None where it is smooth, or does not look at them."""
+    found = _shifted(system, FINE)
+    if found is None or not found.answers or found.smooth(ALIKE):
+        return None
+    finer = _shifted(system, LADDER)
+    if finer is None or finer.smooth(CLOSE):
+        return None
+    text = (
+        "the simulator answers to shifted times in steps, or with noise of its own: that error is taken into the noise"
+    )
+    return Doubt(DoubtKind.STEPPED, ("time",), text)
+
+
+def _at_shifts(system: Studied) -> Array:
+    """(channels,) rms by which a motion at shifted times strays from a cubic through them, sample by sample; without
+    those at a kink."""
+    look = _shifted(system, SHIFTS)
+    if look is None:
+        return np.zeros(len(system.study.channels))
+    shape, s = look.changes.shape, np.array(SHIFTS)
+    powers = np.stack([s**k for k in range(4)], axis=1)
+    flat = look.changes.reshape(s.size, -1)
+    left = flat - powers @ np.linalg.lstsq(powers, flat, rcond=None)[0]
+    power = (np.sum(left**2, axis=0) / (s.size - 4)).reshape(shape[1:])
+    kept = power <= ROUGH * np.median(power, axis=0)
+    return np.asarray(np.sqrt(np.sum(power * kept, axis=0) / kept.sum(axis=0)) * look.units)
+
+
+def _shifted(system: Studied, shares: Sequence[float]) -> _Look | None:
+    """The first recording at times later by these shares of a sample; None where the function cannot be asked so."""
+    runs, frame = system.runs, float(np.median(np.diff(system.recordings[0].t)))
+    first = dict(zip(system.names, [*system.rest.values(), *system.first[0].tolist()]))
+    before = len(runs.count.failures)
+    try:
+        here, *there = runs.many([Ask(0, 0, first, later=s * frame) for s in (0.0, *shares)])
+    except SimulatorError:
+        return None
+    finally:
+        del runs.count.failures[before:]  # nobody asked for these times
+    units = np.array([n.s for n in system.readings.channels])
+    changes = np.stack([(y - here) / units for y in there])
+    return _Look(frame * np.array(shares), changes, units, frame) if np.all(np.isfinite(changes)) else None
 
 
 def _values(system: Studied, p: _Place, i: int) -> Array:

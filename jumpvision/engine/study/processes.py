@@ -39,17 +39,22 @@ Given = object  # what a user's function gives, or a Failure; `Runs` checks it
 
 @dataclass(frozen=True)
 class Ask:
-    """One run: which of the study's functions, which recording, with what; like: another whose inputs it is given."""
+    """One run: which of the study's functions, which recording, with what. like: another whose inputs it is given;
+    slopes: its derivatives are asked for; later: [s] by which all times are shifted."""
 
     function: int
     recording: int
     parameters: Values
     like: int | None = None
+    slopes: bool = False
+    later: float = 0.0
 
     def of(self, recordings: Sequence[Recording]) -> tuple[dict[str, float], Recording]:
         """What the simulator is called with."""
-        own = recordings[self.recording]
-        return applied(self.parameters, own if self.like is None else replace(own, inputs=recordings[self.like].inputs))
+        r = recordings[self.recording]
+        if self.like is not None:
+            r = replace(r, inputs=recordings[self.like].inputs)
+        return applied(self.parameters, replace(r, t=r.t + self.later) if self.later else r)
 
 
 @dataclass(frozen=True)
@@ -94,7 +99,7 @@ class Here:
         self.study, self.recordings = study, recordings
 
     def results(self, asked: Sequence[Ask]) -> Iterator[tuple[int, Given]]:
-        if not self.study.batch:
+        if not self.study.batch or any(a.slopes for a in asked):
             for k, a in enumerate(asked):
                 yield k, _run(self.study, self.recordings, a)
             return
@@ -109,6 +114,10 @@ class Here:
 def _run(study: Study, recordings: Sequence[Recording], ask: Ask) -> Given:
     """One run; what the function raises is a failure with its place."""
     try:
+        if ask.slopes:
+            from .jacobian import derivatives
+
+            return derivatives(study, *ask.of(recordings))
         return study.functions[ask.function](*study.arguments(*ask.of(recordings)))
     except Exception as e:  # a user's function may raise anything
         has = f"; the recording has the inputs {', '.join(recordings[ask.recording].inputs) or '(none)'}"
@@ -262,7 +271,8 @@ def _serve(connection: Connection, folder: str, given: tuple[Study | str, list[R
         except EOFError:
             return
         if isinstance(asked, Ask):
-            result = _batch(study, recordings, [asked])[0] if study.batch else _run(study, recordings, asked)
+            alone = asked.slopes or not study.batch
+            result = _run(study, recordings, asked) if alone else _batch(study, recordings, [asked])[0]
             connection.send(result if isinstance(result, Failure) else _portable(result))
         else:
             connection.send(_description(study, recordings))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -12,9 +13,10 @@ import numpy as np
 from jumpvision.base.schema import InputError
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.document import document
-from jumpvision.engine.document.values import Doubt, Simulated
+from jumpvision.engine.document.values import Doubt, Simulated, Status
 from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.order import Findings, Order, fit_baseline, silent
+from jumpvision.engine.system import patterns_of
 
 from .learn import learn_readings
 from .probe import probe
@@ -29,6 +31,40 @@ if TYPE_CHECKING:
 
 LOOKED, NAMED = 0.18, 0.85  # of all runs, made when causes are asked for and when they are named (benchmarks.foreign)
 SEED = 1  # of the simulated noise: the same data give the same answer
+
+
+class _Asked(Order):
+    """The order in which a study is questioned: one law of no list that explains all recordings goes before what
+    explains a part of them, recordings set aside, and numbers of single recordings that are less likely."""
+
+    def explain(self, d: Findings) -> Findings:
+        found = super().explain(d)
+        laws, worth = self._laws, self._worth(d, found)
+        if laws is None or worth == math.inf or not laws.explains(d.baseline):
+            return found
+        naming = self.name(d).naming
+        assert naming is not None
+        naming = replace(naming, named=(), status=Status.UNDETERMINED, twins=(), widened=1.0)
+        law = laws.law(d.baseline, naming)
+        if law is None or not law.found.sure:
+            return found
+        gained = law.fit.log_evidence - d.baseline.log_evidence - math.log(len(laws.library.forms))
+        return replace(d, naming=naming, law=law) if gained > worth else found
+
+    def _worth(self, d: Findings, found: Findings) -> float:
+        """Nats that a law has to gain: those of numbers of single recordings that explain all; inf where none is
+        asked for."""
+        varies, naming = found.varies, found.naming
+        if found.law or (found.adequate and not varies) or (varies and varies.aside and varies.mistaken):
+            return math.inf
+        if naming is None or naming.status != Status.COMPLETE or (varies and varies.aside):
+            return -math.inf
+        problem = found.problem or self.problem
+        if not set(naming.named) <= set(patterns_of(problem.system)):
+            return math.inf
+        from jumpvision.engine.vary.explain import gained
+
+        return gained(problem, naming.best.fit, d.baseline)
 
 
 def diagnose(recordings: Sequence[Recording], study: Study | None, how: How | None = None) -> Diagnosis:
@@ -130,7 +166,7 @@ def _asked(system: Studied, how: How) -> tuple[Findings, str]:
         system.runs.foresee(LOOKED if d.naming is None else NAMED)
 
     problem, rng, say = problem_of(system), np.random.default_rng(SEED), how.progress or silent
-    order = Order(problem, rng, by=("kind",), say=say, reached=step)
+    order = _Asked(problem, rng, by=("kind",), say=say, reached=step)
     if system.study.forms:
         from jumpvision.engine.discovery import Laws
 

@@ -6,8 +6,8 @@ import hashlib
 import sqlite3
 import time
 from collections import OrderedDict
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -105,6 +105,21 @@ class Runs:
             self._tell()
         return [found[k] for k in keys]
 
+    def slopes(self, asked: Sequence[Ask]) -> list[Mapping[str, Array]]:
+        """The function's own derivatives (n, channels), finite ones, by parameter; {} where it has none. Raises
+        SimulatorError where it fails, BudgetUsed."""
+        if self.how.budget is not None and self.count.made + len(asked) > self.how.budget:
+            raise BudgetUsed([f"the budget of {self.how.budget} runs is used up by derivatives: raise it"])
+        out: list[Mapping[str, Array]] = [{}] * len(asked)
+        for k, value in self.maker.results([replace(a, slopes=True) for a in asked]):
+            if isinstance(value, Failure):
+                name = self.recordings[asked[k].recording].name
+                raise SimulatorError(f"by its derivatives {value.why}", asked[k].parameters, name)
+            assert isinstance(value, Mapping)
+            out[k] = {n: y for n, y in value.items() if np.all(np.isfinite(y))}
+            self.count.made += bool(value)
+        return out
+
     def _checked(self, value: Any, ask: Ask) -> Array:
         """The result of a run as (n, channels). Raises SimulatorError for what is none."""
         recording = self.recordings[ask.recording]
@@ -134,8 +149,8 @@ class Runs:
 
     def _key(self, ask: Ask) -> bytes:
         text = repr([(n, f"{v:.12e}") for n, v in sorted(ask.parameters.items())])
-        like = "" if ask.like is None else self.digests[ask.like]
-        return hashlib.sha256(f"{self.digests[ask.recording]}{like} {ask.function} {text}".encode()).digest()
+        other = ("" if ask.like is None else self.digests[ask.like]) + (f" {ask.later!r} s" if ask.later else "")
+        return hashlib.sha256(f"{self.digests[ask.recording]} {ask.function} {text}{other}".encode()).digest()
 
     def _kept(self, key: bytes, ask: Ask) -> Array | None:
         if key in self.held:

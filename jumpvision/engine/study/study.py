@@ -257,7 +257,9 @@ class Channel:
     noise: standard deviation of a reading [unit]; None: learned from repeats (recordings of one `group`) or from how
     smooth the readings are. correlation: of the noise from one sample to the next, where noise is given.
     zero_sigma: how well the zero of a record is known (inf: not at all). scale_sigma, delay_sigma [s]: how well the
-    instrument's scale and clock are known, for all recordings alike. consider: "scale", "delay": may be the cause.
+    instrument's scale and clock are known, for all recordings alike. consider: of "scale", "delay", "rate" (of its
+    clock) and "zero", which may be the cause of a misfit, alike in all recordings; None: all that nothing else here
+    tells, where the readings ask for them.
     process: the simulation itself errs by a random walk, as small random forces make it over a long record: learned
     from repeats, each less its own simulation (in place of `noise`).
 
@@ -272,7 +274,7 @@ class Channel:
     zero_sigma: float = 0.0
     scale_sigma: float = 0.0
     delay_sigma: float = 0.0
-    consider: Sequence[str] = ()
+    consider: Sequence[str] | None = None
     process: bool = False
 
     def problems(self) -> list[str]:
@@ -284,7 +286,7 @@ class Channel:
             out.append(f"{where}: noise = {self.noise!r} must be > 0 [{self.unit or 'its unit'}], or None to learn it")
         if not 0 <= self.correlation < 1:
             out.append(f"{where}: correlation = {self.correlation!r} must be from 0 to below 1")
-        if wrong := [c for c in self.consider if c not in INSTRUMENT]:
+        if wrong := [c for c in self.consider or () if c not in INSTRUMENT]:
             out.append(f"{where}: consider = {wrong}: must be of {', '.join(INSTRUMENT)}")
         return out
 
@@ -292,8 +294,26 @@ class Channel:
         """The parameter of a law of the instrument."""
         return f"{self.name}_{law}"
 
+    @property
+    def known(self) -> dict[str, float]:
+        """How well the laws of its instrument are known, where that is told."""
+        told = {"scale": self.scale_sigma, "delay": self.delay_sigma}
+        return {law: sigma for law, sigma in told.items() if sigma > 0}
 
-INSTRUMENT = {"scale": (1.0, (0.5, 2.0), 0.02), "delay": (0.0, (-0.2, 0.2), 2e-3)}  # null, range, a change that matters
+    @property
+    def asked(self) -> tuple[str, ...]:
+        """The laws of its instrument that may be the cause, where the user names none those that nothing else tells."""
+        if self.consider is not None:
+            return tuple(self.consider)
+        return tuple(n for n in INSTRUMENT if n not in self.known and not (n == "zero" and self.zero_sigma > 0))
+
+
+# of the law of an instrument: null, range, a change that matters; unit and words, {} the channel's. Of a delay and a
+# zero the range is found from the recordings
+INSTRUMENT = {"scale": (1.0, (0.5, 2.0), 0.02), "delay": (0.0, (-0.2, 0.2), 2e-3), "rate": (0.0, (-0.1, 0.1), 1e-3),
+              "zero": (0.0, (-1.0, 1.0), 0.02)}  # fmt: skip
+READS = {"scale": ("1", "another scale of the {}"), "delay": ("s", "a delay of the {}"),
+         "rate": ("1", "another rate of the clock of the {}"), "zero": ("{}", "another zero of the {}")}  # fmt: skip
 DELAYS = 2.0  # samples: a change of the clock that matters
 
 
@@ -310,6 +330,8 @@ class Study:
     typical `force`, a law of no list is searched for where no mechanism explains the misfit. measured: what is known
     of parameters by other means than the recordings: the fit takes it in, and what contradicts the recordings is told.
     inputs: those that the next experiment may choose, with their ranges: the values that would tell most are proposed.
+    jacobian: (parameters, recording) -> the outputs' derivatives, a dict by parameter, each shaped as the outputs (else
+    `simulate.jacobian`, or that of a JAX function): checked against a difference first, then used in its place.
 
     Example: jv.Study(simulate, [jv.Parameter("W", 50.0, range=(30, 90))], [dry], [jv.Channel("angle", "rad")])
     """
@@ -326,6 +348,7 @@ class Study:
     force: float = 0.0
     measured: Sequence[Measured] = ()
     inputs: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    jacobian: Simulate | None = None
 
     def __post_init__(self) -> None:
         problems = [] if callable(self.simulate) else [f"study: simulate = {self.simulate!r} is no function"]
@@ -339,8 +362,13 @@ class Study:
         problems += [f"study: symbols: {n} = {x!r}: a typical size is above 0" for n, x in sizes.items() if not x > 0]
         problems += ["study: force: symbols need their typical sizes"] if self.force and not sizes else []
         problems += ["study: symbols: a batch takes no forces; leave batch out"] if self.symbols and self.batch else []
+        if self.jacobian is not None and (self.symbols or self.batch):
+            problems.append(
+                "study: jacobian: it knows no laws, and is of one run; leave out symbols, batch or jacobian"
+            )
         problems += [problem for m in self.mechanisms if m.law and (problem := self.law_problem(m))]
-        shared = [*(p.name for p in self.parameters), *(c.name_of(n) for c in self.channels for n in INSTRUMENT)]
+        told = [c.name_of(n) for c in self.channels for n in {*self.considered(c), *c.known}]
+        shared = [*(p.name for p in self.parameters), *told]
         own = [p.name for m in self.mechanisms for p in m.parameters]
         for what, names in (
             ("parameters", shared),
@@ -408,23 +436,28 @@ class Study:
         """The simulator, and those that take its place, in the order of the mechanisms."""
         return (self.simulate, *(m.function for m in self.mechanisms if m.function is not None))
 
+    def considered(self, c: Channel) -> tuple[str, ...]:
+        """The laws of a channel's instrument that may be the cause; by default none that the user has of his own."""
+        own = {p.name for p in self.parameters} | {m.name for m in self.mechanisms}
+        own |= {p.name for m in self.mechanisms for p in m.parameters}
+        return tuple(n for n in c.asked if c.consider is not None or c.name_of(n) not in own)
+
     @property
     def vocabulary(self) -> tuple[Mechanism, ...]:
         """The mechanisms, and the laws of instruments that may be the cause."""
         out = list(self.mechanisms)
         for c in self.channels:
-            for law in c.consider:
+            for law in self.considered(c):
                 null, limits, scale = INSTRUMENT[law]
-                unit = "s" if law == "delay" else "1"
-                p = Parameter(c.name_of(law), null, limits, unit=unit, scale=scale)
-                what = {"scale": f"another scale of the {c.name}", "delay": f"a delay of the {c.name}"}[law]
-                out.append(Mechanism(c.name_of(law), (p,), what, null=null))
+                unit, words = READS[law]
+                p = Parameter(c.name_of(law), null, limits, unit=unit.format(c.unit), scale=scale)
+                out.append(Mechanism(c.name_of(law), (p,), words.format(c.name), null=null))
         return tuple(out)
 
     def without_functions(self) -> Study:
         """The same without its functions, for a process that must not import them."""
         plain = [dataclasses.replace(m, function=None if m.function is None else _elsewhere) for m in self.mechanisms]
-        return dataclasses.replace(self, simulate=_elsewhere, mechanisms=tuple(plain))
+        return dataclasses.replace(self, simulate=_elsewhere, mechanisms=tuple(plain), jacobian=None)
 
 
 def as_mechanism(form: Form, size: float) -> Mechanism:

@@ -28,7 +28,7 @@ from .inputs import factors_of
 from .learn import Probed, Readings
 from .processes import Ask
 from .runs import Runs, SimulatorError
-from .study import DELAYS, INSTRUMENT, Mechanism, Recording, Study
+from .study import DELAYS, INSTRUMENT, READS, Mechanism, Recording, Study
 
 if TYPE_CHECKING:  # imported where a number of a recording is its own: most questions have none
     from jumpvision.engine.vary.patterns import Pattern, Weighed
@@ -37,6 +37,7 @@ if TYPE_CHECKING:  # imported where a number of a recording is its own: most que
 OLD = 6  # times that a derivative is handed on
 LEAP = 3.0  # sigmas that its values may move in a round
 SPREAD, STEP = 0.1, 1e-3  # shares: what recordings may plausibly differ by at least, step of derivatives
+BEYOND = 3.0  # samples past the ends of a record up to which its motion is continued
 DUMMY = "chosen_"  # an alternative function without parameters has one that does nothing
 
 
@@ -72,6 +73,7 @@ class Studied:
         idle = set(self.probed.idle)
         own = tuple(p.free() for p in study.parameters if not p.each and p.name not in idle)
         self.baseline = own + self._instruments()
+        self.laws = [{n: INSTRUMENT[n] for n in {*study.considered(c), *c.known}} for c in study.channels]
         self.mechanisms = {m.name: m for m in study.vocabulary if not self._absent(m)}
         self.candidates = {n: self._candidate(m, frame) for n, m in self.mechanisms.items()}
         self.inputs = factors_of(self.recordings)
@@ -112,23 +114,34 @@ class Studied:
         """What is known of scales and clocks, as parameters with a prior."""
         out = []
         for c in self.study.channels:
-            for law, sigma in (("scale", c.scale_sigma), ("delay", c.delay_sigma)):
-                null = INSTRUMENT[law][0]
-                if sigma > 0:
-                    unit = "s" if law == "delay" else "1"
-                    out.append(Parameter(c.name_of(law), null, null - 8 * sigma, null + 8 * sigma, sigma, sigma, unit))
+            for law, sigma in c.known.items():
+                null, unit = INSTRUMENT[law][0], READS[law][0]
+                out.append(Parameter(c.name_of(law), null, null - 8 * sigma, null + 8 * sigma, sigma, sigma, unit))
         return tuple(out)
 
     def _candidate(self, m: Mechanism, frame: float) -> Candidate:
         free = [p.free() for p in m.parameters if p.name not in self.probed.idle]
-        if any(m.name == c.name_of("delay") for c in self.study.channels):
-            span = 0.1 * float(np.median([r.t[-1] - r.t[0] for r in self.recordings]))
-            free = [dataclasses.replace(free[0], low=-span, high=span, scale=min(DELAYS * frame, span))]
+        instrument = {c.name_of(n): (k, n) for k, c in enumerate(self.study.channels) for n in self.study.considered(c)}
+        own = instrument.get(m.name) if m not in self.study.mechanisms else None
+        if own is not None:
+            free = [self._of_instrument(free[0], *own, frame)]
         if m.function is not None and not free:
             free = [Parameter(DUMMY + m.name, 0.0, -1.0, 1.0, 1.0)]
         told = [p.name not in self.probed.idle for p in m.parameters[1:]]
         shapes = tuple(tuple(float(x) for x, kept in zip(s, told) if kept) for s in m.shapes)
-        return Candidate(tuple(free), m.null, shapes, replaces="simulate" if m.function is not None else "")
+        dear = own is not None and self.study.channels[own[0]].consider is None
+        return Candidate(tuple(free), m.null, shapes, replaces="simulate" if m.function is not None else "", dear=dear)
+
+    def _of_instrument(self, p: Parameter, channel: int, law: str, frame: float) -> Parameter:
+        """A law of an instrument with the range that the recordings give it."""
+        if law == "delay":
+            span = 0.1 * float(np.median([r.t[-1] - r.t[0] for r in self.recordings]))
+            return dataclasses.replace(p, low=-span, high=span, scale=min(DELAYS * frame, span))
+        if law != "zero":
+            return p
+        each = [r.of_channels(r.values, self.study.channels)[:, channel] for r in self.recordings]
+        reach = float(np.median([np.ptp(y[np.isfinite(y)]) for y in each if np.isfinite(y).any()])) or 1.0
+        return dataclasses.replace(p, low=p.low * reach, high=p.high * reach, scale=p.scale * reach)
 
     def _rest(self) -> dict[str, float]:
         """Every parameter that the simulator is given, mechanisms at what makes them absent."""
@@ -216,6 +229,11 @@ class Studied:
     def _block(self, i: int, channel: str) -> slice | None:
         read = [c.name for c, m in zip(self.study.channels, self.masks[i].T) if m.sum() >= 2]
         return self.observations[i].blocks[read.index(channel)].readings if channel in read else None
+
+    def blocks(self, i: int) -> dict[int, slice]:
+        """Where in an observation the readings of each channel are, by its place."""
+        read = [k for k, m in enumerate(self.masks[i].T) if m.sum() >= 2]
+        return {k: b.readings for k, b in zip(read, self.observations[i].blocks)}
 
     def varying(self, weighed: Sequence[Weighed], log_price: float = 0.0) -> Self:
         """The same recordings with these patterns, by which numbers differ between them, beside the mechanisms."""
@@ -383,7 +401,7 @@ class Studied:
         """(step of what the recording has for itself [sigma], whitened residual, whitened columns, columns)."""
         first, sigma = len(self.rest), np.array(list(self.scatter_sigma.values()))
         r = self._whitened(i, self.observations[i].y - self._turned(i, y, mechanisms, values))
-        small = np.stack([self._turned(i, c, mechanisms, values) for c in columns], axis=1) * sigma
+        small = np.stack([self._turned(i, c, mechanisms, values, False) for c in columns], axis=1) * sigma
         j = self._whitened(i, small)
         off = (x[first:] - self.first[i]) / sigma
         if not (np.all(np.isfinite(r)) and np.all(np.isfinite(j))):
@@ -448,7 +466,8 @@ class Studied:
         columns = self._columns(found, asked[0], list(which), places) if places else {}
         out = {
             p.name: [
-                self._reported(i, self._turned(i, columns[i][k], mechanisms, values), changes, False) for i in which
+                self._reported(i, self._turned(i, columns[i][k], mechanisms, values, False), changes, False)
+                for i in which
             ]
             for k, p in enumerate(self.each)
         }
@@ -472,7 +491,7 @@ class Studied:
             k = list(self.rest).index(name)
             column = self._columns({i: found[i]}, function, [i], [k])[i][0]
             size = found[i].x[k] / (1.0 + self._change(name, i, changes)) if self.variables[name].relative else 1.0
-            return size * self._reported(i, self._turned(i, column, mechanisms, values), changes, False)
+            return size * self._reported(i, self._turned(i, column, mechanisms, values, False), changes, False)
         from jumpvision.engine.vary.apart import variables
 
         step, none = variables(self)[name].step, np.zeros(len(self.recordings))
@@ -517,7 +536,7 @@ class Studied:
                     own = self._own(i, n, asked[0], found, mechanisms, values, changes) if design[i] else 0.0
                     turned.append(design[i] * own + np.zeros(self.observations[i].t.size))
                 elif p.name in here:
-                    y = self._turned(i, here[p.name], mechanisms, values)
+                    y = self._turned(i, here[p.name], mechanisms, values, False)
                     if p.name in variables and variables[p.name].relative:
                         y = y * (1.0 + self._change(p.name, i, changes))
                     turned.append(self._reported(i, y, changes, False))
@@ -575,7 +594,7 @@ class Studied:
         self, found: Mapping[int, _Point], function: int, which: Sequence[int], places: Sequence[int]
     ) -> dict[int, list[Array]]:
         """d(values)/d(x[place]) (n, channels) at the points found: remembered, handed on, or by differences."""
-        wanted, steps = [], []
+        wanted, steps, lacking = [], [], {}
         for i in which:
             here = found[i]
             missing = [k for k in places if k not in here.columns or here.age[k] > self._oldest]
@@ -584,6 +603,10 @@ class Studied:
                 missing = []
             if missing:
                 missing = self._handed_on(i, function, here, missing)
+            lacking[i] = missing
+        self._own_slopes(found, function, lacking)
+        for i, missing in lacking.items():
+            here = found[i]
             for k in missing:
                 for h in self._steps(k, here.x[k]):
                     x = here.x.copy()
@@ -601,6 +624,17 @@ class Studied:
             near.append(found[i])
         return {i: [found[i].columns[k] for k in places] for i in which}
 
+    def _own_slopes(self, found: Mapping[int, _Point], function: int, lacking: dict[int, list[int]]) -> None:
+        """The function's own derivatives in the place of differences, where they were found right."""
+        exact = {k for k, n in enumerate(self.names) if n in self.probed.exact} if function == 0 else set()
+        which = [i for i, missing in lacking.items() if exact & set(missing)]
+        asked = [Ask(0, i, self._given(found[i].x)) for i in which]
+        for i, given in zip(which, self.runs.slopes(asked) if asked else ()):
+            here, had = found[i], [k for k in lacking[i] if k in exact and self.names[k] in given]
+            here.columns.update({k: given[self.names[k]] for k in had})
+            here.age.update(dict.fromkeys(had, 0))
+            lacking[i] = [k for k in lacking[i] if k not in had]
+
     def _steps(self, k: int, value: float) -> tuple[float, ...]:
         """Steps of a difference: one, away from the upper end of the range; both ways where the simulator is rough."""
         high, low = self.tops.get(self.names[k], math.inf), self.bottoms.get(self.names[k], -math.inf)
@@ -611,7 +645,8 @@ class Studied:
         return (-h,) if value + h > high else (h,)
 
     def _handed_on(self, i: int, function: int, here: _Point, missing: list[int]) -> list[int]:
-        """Take derivatives over from the nearest point that foretells this one; those that no point can give."""
+        """Take derivatives over from the nearest point that foretells this one; those that no point can give. What does
+        nothing there, as a phase where the amplitude is 0, may do much here."""
         if (donor := self._donor(i, function, here.x, missing, here)) is None:
             return missing
         shift = here.x - donor.x
@@ -622,11 +657,11 @@ class Studied:
         share, least = (0.03, 0.3) if self.careful else (0.1, 0.5)
         if not size <= max(share * all_of_it, least):
             return missing
-        scaled = shift / self.scales
-        for k in missing:
+        scaled, idle = shift / self.scales, [k for k in missing if not donor.columns[k].any()]
+        for k in set(missing) - set(idle):
             update = left * (scaled[k] / self.scales[k] / float(scaled @ scaled))
             here.columns[k], here.age[k] = donor.columns[k] + update, donor.age[k] + 1
-        return []
+        return idle
 
     @property
     def _oldest(self) -> int:
@@ -661,15 +696,18 @@ class Studied:
         each = [y[mask[:, k], k] / u for k, u in enumerate(self.units) if mask[:, k].sum() >= 2]
         return np.concatenate(each)
 
-    def _turned(self, i: int, y: Array, mechanisms: Sequence[str], values: Mapping[str, float]) -> Array:
-        """Values (n, channels), or a change of them, as the instruments show them."""
+    def _turned(
+        self, i: int, y: Array, mechanisms: Sequence[str], values: Mapping[str, float], zeros: bool = True
+    ) -> Array:
+        """Values (n, channels), or a change of them (without zeros), as the instruments show them."""
         own = {p.name for p in self.baseline} | {p.name for m in mechanisms for p in self.candidates[m].parameters}
-        shown = y
+        shown, t = y, self.recordings[i].t
         for k, c in enumerate(self.study.channels):
-            law = {n: values.get(c.name_of(n), v[0]) if c.name_of(n) in own else v[0] for n, v in INSTRUMENT.items()}
-            if law["delay"] or law["scale"] != 1.0:
+            law = {n: values.get(c.name_of(n), v[0]) if c.name_of(n) in own else v[0] for n, v in self.laws[k].items()}
+            if any(x != self.laws[k][n][0] for n, x in law.items()):
                 shown = shown.copy() if shown is y else shown
-                shown[:, k] = law["scale"] * later(self.recordings[i].t, y[:, k], law["delay"])
+                late = law.get("delay", 0.0) - law.get("rate", 0.0) * (t - t[0])
+                shown[:, k] = law.get("scale", 1.0) * later(t, y[:, k], late) + zeros * law.get("zero", 0.0)
         return self._flat(i, shown)
 
     def _instrument(
@@ -706,11 +744,13 @@ def _start(start: object, recording: Recording) -> float:
     return float(start(recording)) if callable(start) else float(start)  # type: ignore[arg-type]
 
 
-def later(t: Array, y: Array, delay: float) -> Array:
-    """y (n,) a delay [s] later, by a cubic spline; beyond the record as it was at its end."""
-    if delay == 0.0 or not np.all(np.isfinite(y)):
+def later(t: Array, y: Array, delay: float | Array) -> Array:
+    """y (n,) a delay [s], one or (n,), later, by a cubic spline that goes on for a few samples past the ends of the
+    record; beyond that as it was there."""
+    if not np.any(delay) or not np.all(np.isfinite(y)):
         return y
-    return np.asarray(scipy.interpolate.CubicSpline(t, y)(np.clip(t - delay, t[0], t[-1])))
+    past = BEYOND * float(np.median(np.diff(t)))
+    return np.asarray(scipy.interpolate.CubicSpline(t, y)(np.clip(t - delay, t[0] - past, t[-1] + past)))
 
 
 def thirds(t: Array) -> Array:

@@ -67,8 +67,14 @@ class StudySpeaker:
         units = {p.name: (p.start, p.unit or "1") for p in alone.parameters} if alone else {}
         rows = confirmations(alone, self.system.study.measured, units) if alone else []
         apart = alone is not None and any(r.contradicts for r in rows)
+        left = data.left_over
+        if left is not None and left.look_at:
+            from .left import where_left
+
+            left = replace(left, where=where_left(self.system, d.best))
         return replace(
             data,
+            left_over=left,
             next_experiment=self._proposal(d),
             confirmation=tuple(rows),
             without_films=record.WithoutFilms(alone.named, alone.chi2) if alone and apart else None,
