@@ -20,7 +20,7 @@ from jumpvision.experiment.inputs.experiment import Campaign
 
 from .run import Plan
 
-SELF = [sys.executable, "-c", "import sys; from jumpvision.cli import main; sys.exit(main())"]
+SELF = [sys.executable, "-m", "jumpvision"]
 RULES = ["--rerun-incomplete", "--keep-going", "--scheduler", "greedy", "--nolock"]  # the cache needs no lock
 
 
