@@ -89,7 +89,7 @@ def work(
         _say_repeated(opened)
     elsewhere = _hand_over(opened, plan, profile, options, pipeline) if profile else None
     total = 1 if isinstance(opened, Experiment) else len(opened.experiments)
-    with terminal.Progress(total, as_json=options.json) as progress, noticed(terminal.compiling):
+    with terminal.Progress(total, as_json=options.json, whole=options.table) as progress, noticed(terminal.compiling):
         return run_folder(
             opened,
             plan,
@@ -153,7 +153,7 @@ def show(done: Run, options: Options, *, page: bool = False) -> int:
                 diagnosis=done.diagnosis,
             )
         )
-    terminal.outcome(done, as_json=options.json)
+    terminal.outcome(done, as_json=options.json, whole=options.table)
     for text in done.notes:
         terminal.line(f"note: {text}")
     return FAILED if done.failed else DONE
@@ -413,7 +413,14 @@ def diagnose(
         done = work(path, options, stages=DIAGNOSED, ask=True)
     assert done.diagnosis is not None  # a campaign that cannot be questioned raises
     terminal.warned(done.outcomes)
-    terminal.diagnosis(done.diagnosis, done.campaign, done.files, as_json=options.json)
+    terminal.diagnosis(
+        done.diagnosis,
+        done.campaign,
+        done.files,
+        as_json=options.json,
+        outcomes=done.outcomes,
+        whole=options.table,
+    )
     return FAILED if done.failed else DONE
 
 
@@ -452,7 +459,7 @@ def _foreign(path: Path, simulator: str, limit: float, budget: int | None, optio
         terminal.line(f"warning: {warning}")
     title = f"{path.absolute().name}, {simulator}"
     made = write_study(found, done.plan.results, title, pictures=options.pictures)
-    terminal.diagnosis(found, done.campaign, made, as_json=options.json)
+    terminal.diagnosis(found, done.campaign, made, as_json=options.json, whole=options.table)
     return FAILED if done.failed else DONE
 
 
