@@ -1,7 +1,7 @@
 """`jv.flow`, `statistics`, `paths`, `export`, `plot` of velocity fields, and double exposures, against known truth.
 
-Truth: exact velocities (a solid rotation, a shear) with Gaussian errors of a known size, and particles drawn as Gaussian
-spots at exact places. Nothing here comes from the code under test.
+Truth: exact velocities (a solid rotation, a shear) with Gaussian errors of a known size, and particles drawn as
+Gaussian spots at exact places. Nothing here comes from the code under test.
 """
 
 from __future__ import annotations
@@ -286,5 +286,5 @@ def test_files_of_other_programs_and_wrong_calls():
         jv.flow(folder / "openpiv_interTest.txt")
     with pytest.raises(InputError, match="lenght: unknown"):
         jv.flow(folder / "openpiv_interTest.txt", lenght="px")
-    with pytest.raises(InputError, match="a ndarray; give what jv.piv gives"):
+    with pytest.raises(InputError, match="a ndarray; give what jv"):
         jv.flow(np.zeros((4, 5)))

@@ -171,7 +171,7 @@ def _hand_over(
     if isinstance(opened, Experiment):
         raise InputError([f"--profile {profile}: {opened.path} is one experiment; give a campaign, or leave it out"])
     passed = [x for text in options.set for x in ("--set", text)]
-    passed += ["--pipeline", str(pipeline.absolute())] if pipeline else []
+    passed += ["--pipeline", str(pipeline.absolute() if pipeline.exists() else pipeline)] if pipeline else []
     passed += ([] if options.pictures else ["--no-pictures"]) + (["--verify"] if options.verify else [])
     passed += ["--fresh-if-versions-differ"] if options.fresh_if_versions_differ else []
     return hand_over(opened, plan, profile, options=passed, jobs=options.workers, frames=grain_frames(opened))
@@ -223,7 +223,7 @@ def run(
     path
         An experiment folder (with experiment.toml), a folder of them, or a folder of such folders.
     pipeline
-        TOML file with the stages to run and their parameters, e.g. pipelines/granular.toml.
+        The stages to run and their parameters: granular, hard_ground, piv_only, or a TOML file of your own.
     profile
         Hand a campaign to Snakemake: local, slurm, or a folder with config.yaml (docs/scale.md); --workers is then
         the number of jobs at a time.
