@@ -17,7 +17,7 @@ from .codes import FAILED as FAILED
 
 ABOUT = (
     "From films of a jumping robot on hard ground and sand to tracks, fields, forces and tested models.",
-    "Start with: jumpvision run data_samples/loose_sand",
+    "Start with: jumpvision run data_samples/loose_sand --results results/loose_sand",
 )
 app = App(name="jumpvision", help="\n\n".join(ABOUT), version=__version__, suppress_keyboard_interrupt=False)
 

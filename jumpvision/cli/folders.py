@@ -17,6 +17,7 @@ from cyclopts import Group, Parameter
 from jumpvision.experiment.workflow.stage import Declared, declared
 
 from .app import DONE, FAILED, OPTIONS, Options, app, cores
+from .progress import DIAGNOSIS, EXPERIMENTS, PICTURES
 
 if TYPE_CHECKING:
     from jumpvision.engine.document.diagnosis import Diagnosis
@@ -58,13 +59,14 @@ def work(
 ) -> Run:
     """Run the folder at `path`: `stages`, those of a pipeline file, or all; ask: as in run_folder."""
     from jumpvision.base.compiling import noticed
-    from jumpvision.experiment.campaign.folder import results_of, run_folder
-    from jumpvision.experiment.inputs.experiment import Campaign, Experiment, folder_of
+    from jumpvision.experiment.campaign.folder import asks, results_of, run_folder
+    from jumpvision.experiment.inputs.experiment import Campaign, folder_of
     from jumpvision.experiment.workflow.many import prepare
     from jumpvision.experiment.workflow.run import Pipeline, Plan, read_pipeline
     from jumpvision.report.figures import PICTURES, diagnosis_png
 
     from . import terminal
+    from .progress import Progress
 
     path = folder_of(path)
     if stages:
@@ -88,19 +90,27 @@ def work(
     if isinstance(opened, Campaign):
         _say_repeated(opened)
     elsewhere = _hand_over(opened, plan, profile, options, pipeline) if profile else None
-    total = 1 if isinstance(opened, Experiment) else len(opened.experiments)
-    with terminal.Progress(total, as_json=options.json, whole=options.table) as progress, noticed(terminal.compiling):
+    many = opened if isinstance(opened, Campaign) else None
+    number = options.workers or cores()
+    phases = phases_of(plan, asks=bool(many and asks(many, plan, ask)), drawn=bool(many and options.pictures))
+    shown = Progress(many, workers=number, as_json=options.json, whole=options.table, phases=phases)
+    with shown as progress, noticed(terminal.compiling):
         return run_folder(
             opened,
             plan,
-            workers=options.workers or cores(),
+            workers=number,
             watcher=progress,
             elsewhere=elsewhere,
             ask=ask,
             draw=diagnosis_png,
             pictured=options.pictures,
-            say=lambda text: terminal.line(f"diagnose: {text}"),
+            say=progress.question,
         )
+
+
+def phases_of(plan: Plan, *, asks: bool, drawn: bool) -> list[str]:
+    """What a run of a campaign goes through, in order."""
+    return [EXPERIMENTS, *[DIAGNOSIS] * asks, *[PICTURES] * (drawn and bool(plan.pictures))]
 
 
 def _say_left_out(path: Path) -> None:
@@ -216,7 +226,7 @@ def run(
 ) -> int:
     """Every stage that has inputs, for one experiment, a whole campaign or a folder of campaigns, then report.html.
 
-    Example: jumpvision run data_samples/loose_sand
+    Example: jumpvision run data_samples/loose_sand --results results/loose_sand
 
     Parameters
     ----------
@@ -284,7 +294,9 @@ def _add(stage: Declared) -> None:
     def command(path: Path, /, *, options: Options = OPTIONS) -> int:
         return show(work(path, options, stages=(stage.name,)), options)
 
-    command.__doc__ = f"{stage.help}\n\nExample: jumpvision {stage.name} data_samples/hard_ground"
+    command.__doc__ = (
+        f"{stage.help}\n\nExample: jumpvision {stage.name} data_samples/hard_ground --results results/hard_ground"
+    )
     app.command(command, name=stage.name, group=ONE)
 
 
@@ -378,7 +390,7 @@ def diagnose(
 ) -> int:
     """What the simulation gets wrong, why, the extended model and what it gains (diagnosis.json, model.toml).
 
-    Example: jumpvision diagnose data_samples/loose_sand
+    Example: jumpvision diagnose data_samples/loose_sand --results results/loose_sand
 
     Parameters
     ----------
@@ -467,7 +479,7 @@ def _foreign(path: Path, simulator: str, limit: float, budget: int | None, optio
 def report(path: Path, /, *, options: Options = OPTIONS) -> int:
     """One self-contained HTML page with the figures, from the results (computing what is missing); or of a sweep.nc.
 
-    Example: jumpvision report data_samples/hard_ground
+    Example: jumpvision report data_samples/hard_ground --results results/hard_ground
     """
     if path.suffix == ".nc":
         from jumpvision.thesis.page import write_sweep

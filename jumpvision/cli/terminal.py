@@ -5,20 +5,20 @@ from __future__ import annotations
 import contextlib
 import json
 import sys
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from jumpvision.base.numbers import between, said
 from jumpvision.base.progress import HOOK, setting
 from jumpvision.base.record import plain
 from jumpvision.base.schema import harmless
 
-if TYPE_CHECKING:
-    from rich.progress import TaskID
+from .progress import Progress
+from .progress import line as line
 
+if TYPE_CHECKING:
     from jumpvision.base.local_page import LocalServer
     from jumpvision.engine.document.diagnosis import Diagnosis
     from jumpvision.experiment.campaign.explore.history import Round
@@ -28,67 +28,15 @@ if TYPE_CHECKING:
     from jumpvision.experiment.workflow.run import Outcome
 
 
-def line(text: str) -> None:
-    """One line on stderr."""
-    print(harmless(text), file=sys.stderr, flush=True)
-
-
 def compiling() -> None:
-    """Said as numba begins: else half a minute passes without a word."""
-    line("compiling for this machine, this once: half a minute of the first run, a minute where films are matched")
-
-
-class Progress:
-    """Progress on stderr: a bar of frames for one experiment, one line an experiment for a campaign."""
-
-    def __init__(self, total: int, *, as_json: bool = False, whole: bool = False):
-        self.as_json, self.whole = as_json, whole
-        self.total, self.done, self.began, self.bar = total, 0, time.perf_counter(), None
-        self.tasks: dict[str, TaskID] = {}
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self.bar is not None:
-            self.bar.stop()
-
-    def frames(self, what: str, done: int, total: int | None) -> None:
-        """Hook of `progress.watch`."""
-        if not sys.stderr.isatty():
-            if total and done == total:
-                line(f"{what}: {done} done")
-            return
-        if self.bar is None:
-            from rich.console import Console
-            from rich.progress import Progress as Bar
-
-            self.bar = Bar(console=Console(stderr=True), transient=True)  # type: ignore[assignment]
-            self.bar.start()  # type: ignore[attr-defined]
-        if what not in self.tasks or done == 0:
-            self.tasks[what] = self.bar.add_task(what, total=total)  # type: ignore[attr-defined]
-        self.bar.update(self.tasks[what], completed=done)  # type: ignore[attr-defined]
-
-    def found(self, run: Run) -> None:
-        """The tables and the verdict, before the pictures are drawn."""
-        left = sum(o.undrawn for o in run.outcomes)
-        if run.plan.whole and left and not self.as_json:
-            tables(run.campaign, run.outcomes, run.diagnosis, whole=self.whole)
-            line(f"drawing the pictures and films of {left} experiment{'s' if left > 1 else ''}")
-            run.told = True
-
-    def experiment(self, outcome: Outcome) -> None:
-        """One finished experiment, with the time left."""
-        self.done += 1
-        left = (time.perf_counter() - self.began) / self.done * (self.total - self.done)
-        state = "failed" if outcome.errors else "computed" if outcome.computed else "cached"
-        line(f"[{self.done}/{self.total}] {outcome.name}: {state} ({outcome.seconds:.1f} s; {left:.0f} s left)")
+    """Said as numba begins: else a minute and more passes without a word."""
+    line("compiling for this machine, this once: a minute or two on an idle machine, longer on a busy one")
 
 
 @contextlib.contextmanager
 def progress() -> Iterator[None]:
     """Within, long work of one thing is shown."""
-    with Progress(1) as shown, setting(HOOK, shown.frames):
+    with Progress() as shown, setting(HOOK, shown.frames):
         yield
 
 

@@ -142,7 +142,11 @@ def run_experiment(
     workspace = Workspace(experiment, results, plan.cache, verify=plan.verify, computes=computes, fresh=plan.fresh)
     outcome = Outcome(experiment.name, results, errors=list(before.errors) if before else [])
     blamed: set[int] = set()
-    for output, made in wanted(plan):
+    stages = list(wanted(plan))
+    pictures = [output for output, made in stages if made.picture]
+    for output, made in stages:
+        if (hook := HOOK.get()) is not None and made.picture:
+            hook("pictures drawn", pictures.index(output), len(pictures))
         why = workspace.missing(output)
         if why:
             if not made.picture:
@@ -163,6 +167,8 @@ def run_experiment(
                 blamed.add(id(e))
                 said = explain(e, made.name, experiment.path)  # two stages that read one bad log say the same
                 outcome.errors += [text for text in said if text not in outcome.errors]
+    if (hook := HOOK.get()) is not None and pictures:
+        hook("pictures drawn", len(pictures), len(pictures))
     already = {s.stage: s for s in before.steps} if before else {}
     outcome.steps = [already.get(s.stage, s) for s in workspace.steps]
     if isinstance(found := workspace.records.get(Summary), Summary):
