@@ -20,6 +20,8 @@ VERBS = {  # name: the module that has it
     "diagnose": "api_study",
     "sweep": "api",
     "plan": "api",
+    "export": "api_fields",
+    "plot": "api_fields",
     "ringdown": "estimate.oscillation",
     "flights": "estimate.free_flight",
     "triangulate": "films.arrays.space",
@@ -39,12 +41,17 @@ TYPES = {  # what diagnose takes of a user's own simulator
 OF_ARRAYS = {  # stages that have a function of arrays, which needs no folder
     "track": "films.arrays.track.track",
     "piv": "films.arrays.piv.piv",
-    "paths": "films.arrays.paths.paths",
+    "flow": "experiment.stages.grains.of_fields.flow",
+    "statistics": "experiment.stages.grains.of_fields.statistics",
+    "paths": "experiment.stages.grains.of_fields.paths",
     "bed": "films.arrays.bed.bed",
     "crater": "films.arrays.crater.crater",
     "intrusion": "experiment.stages.bed.intrusion.of_arrays",
     "simulate": "experiment.stages.simulate.of_arrays",
 }
+
+
+OF_FIELDS = ("piv", "flow", "statistics", "paths")  # of these, those of velocity fields
 
 
 compiled_code_goes(Path(__file__).parent, __version__)
@@ -56,6 +63,9 @@ def __getattr__(name: str) -> Any:
         return getattr(import_module(f"jumpvision.{(VERBS | TYPES)[name]}"), name)
     if name in OF_ARRAYS:
         from jumpvision.base.doors import ArraysOrFolder
+
+        if name in OF_FIELDS:
+            import_module("jumpvision.api_fields")  # what they give has `.jv`
 
         globals()[name] = found = ArraysOrFolder(of_arrays(name), partial(_stage, name))
         return found

@@ -67,7 +67,7 @@ def field_of_discs(
         scale_m_per_px=step,
         window_px=math.sqrt(12.0) * width / step,
         step_px=1,
-        error_px=math.sqrt(12.0) * width / step,
+        error_correlation_length_px=math.sqrt(12.0) * width / step,
         image_rows=gy.size,
         image_columns=gx.size,
         origin_column_px=-gx[0] / step,

@@ -57,6 +57,9 @@ def test_the_page_says_what_happens(cells):
     assert cells["caught"].problems[0].endswith("piv needs [grain_video] or [piv_field]")
     assert len(cells["height"]) == len(cells["track"].table) and 0 < cells["sigma"].max() < 1e-4
     assert all(0.04 < apex < 0.06 for apex in cells["apexes"])  # docs/samples.md: 45.6 mm, the model's 48.1 mm
+    for name, true in (("u", 2.0), ("v", 1.0)):
+        assert abs(float(cells["field"][name].median()) - true) < 0.02
+    assert abs(float(cells["flow"].vorticity.median())) < 3 * float(cells["flow"].vorticity_sigma.median())
     assert cells["best"].dims == ("frequency",) and float(cells["best"].max()) > 0.005
 
 

@@ -34,9 +34,9 @@ OFFERED = "test_another_packing_and_a_planned_motion_are_offered_recorded_and_be
 ELSEWHERE = {  # commands that take long or wait for somebody: the test that does the same
     "run data_samples/loose_sand --results results/loose_sand":
         "test_samples.test_jump_heights_of_the_campaign_lie_within_their_sigma",
-    "diagnose data_samples/loose_sand":
+    "diagnose data_samples/loose_sand --results results/loose_sand":
         "test_samples.test_the_hidden_cone_of_the_samples_is_named",
-    "simulate data_samples/loose_sand --model results/loose_sand/model.toml":
+    "simulate data_samples/loose_sand --results results/extended --model results/loose_sand/model.toml":
         "test_samples.test_the_extended_model_is_taken_by_simulate",
     "plan --apex 0.04 --ground granular --model results/loose_sand/model.toml":
         "test_plan.test_the_command_writes_its_files",

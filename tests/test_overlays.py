@@ -16,7 +16,8 @@ from jumpvision.report.figures.pictures import shrunk
 
 ROWS, COLUMNS, SCALE = 80, 90, 1e-3  # px, px, m/px
 GRID = VectorGrid(delta_t=0.01, source="drawn", scale_m_per_px=SCALE, origin_column_px=45.0, origin_row_px=10.0,
-                  window_px=16, step_px=16, error_px=16, image_rows=ROWS, image_columns=COLUMNS)  # fmt: skip
+                  window_px=16, step_px=16, error_correlation_length_px=16,
+                  image_rows=ROWS, image_columns=COLUMNS)  # fmt: skip
 
 
 def field(u, v, chc, n=2):

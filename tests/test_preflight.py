@@ -179,3 +179,52 @@ def test_the_lens_of_a_crop_has_its_centre_where_the_sensor_has_it(folder):  # n
     assert "would move a corner of [rod_video]" in told
     with pytest.raises(InputError, match='sensor = "whole": beside centre'):
         with_lens(k1=2e-8, sensor='"whole"', centre=[1.0, 2.0])
+
+
+def test_times_in_ms_are_said_by_check_and_run_and_neither_fails(tmp_path, capsys):
+    """Both logs of hard ground a thousand times as long: the same warnings, and no fit that divides by nothing."""
+    samples = Path(__file__).parents[1] / "data_samples" / "hard_ground"
+    shutil.copytree(samples, tmp_path / "jump", ignore=shutil.ignore_patterns("truth.json"))
+    for name in ("motor", "contact"):
+        file = tmp_path / "jump" / f"{name}.csv"
+        head, *rows = file.read_text().splitlines()
+        late = [f"{1e3 * float(row.partition(',')[0]):.6f},{row.partition(',')[2]}" for row in rows]
+        file.write_text("\n".join([head, *late]) + "\n")
+    assert main(["check", str(tmp_path / "jump")]) == 0
+    checked = [x for x in capsys.readouterr().err.splitlines() if "in ms?" in x]
+    assert len(checked) >= 3
+    assert main(["run", str(tmp_path / "jump"), "--no-pictures"]) == 0
+    ran = capsys.readouterr().err
+    for text in checked:
+        assert text.removeprefix("warning: jump: ") in ran
+    fits = json.loads((tmp_path / "results" / "jump" / "fits.json").read_text())
+    assert "are its times in ms?" in fits["actuator_ratio"]["reason"]
+
+
+@pytest.mark.parametrize("given", [(), ("bed_image",), ("bed_image", "rod_video"), ("robot", "model")])
+def test_check_and_run_lack_the_same_keys(given, tmp_path, capsys):
+    """Of a jump on sand with a track, a bed and a robot, whose sections give nothing but their files."""
+    sand = Path(__file__).parents[1] / "data_samples" / "loose_sand" / "stutter-7.0Hz-film"
+    jump = tmp_path / "jump"
+    jump.mkdir()
+    for name in ("rod.avi", "bed.png", "motor.csv"):
+        shutil.copy(sand / name, jump / name)
+    sections = {
+        "bed_image": 'file = "bed.png"',
+        "rod_video": 'file = "rod.avi"',
+        "robot": "motor_mass = 1.0\nfoot_radius = 0.02",
+        "model": "terms = []",
+        "actuation": 'kind = "stutter"\nfrequency = 7.0\namplitude = 0.01',
+        "motor_log": 'file = "motor.csv"',
+    }
+    named = {n: sections[n] for n in (*given, "actuation", "motor_log")}
+    text = "\n".join(f"[{n}]\n{s}" for n, s in named.items())
+    (jump / "experiment.toml").write_text(f'ground = "hard"\n{text}\n')
+    code = main(["check", str(jump)])
+    checked = {
+        x.partition("experiment.toml: ")[2] for x in capsys.readouterr().err.splitlines() if "missing; give" in x
+    }
+    assert main(["run", str(jump), "--no-pictures"]) == (1 if checked else 0)
+    ran = {x.partition("experiment.toml: ")[2] for x in capsys.readouterr().err.splitlines() if "missing; give" in x}
+    assert code == (2 if checked else 0) and ran == checked
+    assert bool(checked) == bool(given)

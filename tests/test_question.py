@@ -168,7 +168,7 @@ def test_the_errors_of_jumps_held_out_are_told_before_and_after(capsys):
     gain = Gain(("a", "b"), 9.9e-3, 0.3e-3, 8e-3, 0.2e-3, 40.0, (30.0, 50.0), True)
     told = diagnosis(named=("coulomb_friction",), gain=gain)
     terminal.diagnosis(told, open_campaign(SAMPLES / "loose_sand"), [], as_json=False)
-    said = capsys.readouterr().err
+    said = capsys.readouterr().out
     assert "track 8.000 -> 0.200 mm" in said and "heights 9.90 -> 0.30 mm rms" in said
 
 

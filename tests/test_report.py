@@ -374,7 +374,8 @@ def test_the_cone_film_shows_shear_where_it_is_below_the_foot():
     coords = {"x": x, "y": y, "t": np.arange(n) * 0.01}
     field = xr.Dataset({"foot_y": ("t", np.full(n, -0.030))}, coords=coords)
     grid = VectorGrid(delta_t=0.01, source="drawn", scale_m_per_px=scale, origin_column_px=45.0, origin_row_px=2.0,
-                      window_px=4, step_px=4, error_px=4, image_rows=80, image_columns=92)  # fmt: skip
+                      window_px=4, step_px=4, error_correlation_length_px=4,
+                      image_rows=80, image_columns=92)  # fmt: skip
     rate = xr.DataArray(shear, dims=("y", "x", "t"), coords=coords)
     draw = ConeDrawing(field, grid, rate, None, np.tile(np.uint8([0, 200]), (80, 46)), scale)
     picture = draw(np.zeros((80, 92), np.uint8), 1)[:-STRIP].astype(int)

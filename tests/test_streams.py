@@ -16,7 +16,7 @@ from jumpvision.cli import folders, main
 from jumpvision.cli.streams import Lasting
 
 SAMPLES = Path(__file__).parents[1] / "data_samples"
-RUN = [sys.executable, "-c", "import sys; from jumpvision.cli import main; sys.exit(main())"]
+RUN = [sys.executable, "-m", "jumpvision"]
 
 
 @pytest.fixture(scope="module")

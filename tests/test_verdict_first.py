@@ -21,13 +21,16 @@ class Watching:
     """What was there when all was found."""
 
     def __init__(self, results):
-        self.results, self.told, self.ended = results, [], []
+        self.results, self.told, self.ended, self.drew = results, [], [], []
 
     def frames(self, what, done, total):
         pass
 
     def experiment(self, outcome):
         self.ended.append(outcome.name)
+
+    def drawn(self, outcome, names):
+        self.drew.append(outcome.name)
 
     def found(self, run):
         made = {f.suffix for f in self.results.rglob("*") if ".cache" not in f.parts and f.parent != self.results}
@@ -50,6 +53,7 @@ def test_all_numbers_are_told_before_a_picture_is_drawn(tmp_path, workers):
     [(made, undrawn, table)] = watcher.told
     assert ".csv" in made and ".png" not in made and undrawn == 3 and table
     assert len(watcher.ended) == 3  # each told once, not with its pictures again
+    assert sorted(watcher.drew) == sorted(watcher.ended)
     for o in run.outcomes:
         assert (o.results / "jump.png").exists() and not o.errors and not o.undrawn
         assert {s.stage: s.state for s in o.steps}["rod"] == "computed"

@@ -297,8 +297,13 @@ class FileSection(Section):
 
 def need(section: Section, *keys: str) -> list[Any]:
     """The values of `keys`, in order; MissingKey naming every one that is absent."""
+    if problems := lacking(section, *keys):
+        raise MissingKey(problems)
+    return [getattr(section, k) for k in keys]
+
+
+def lacking(section: Section, *keys: str) -> list[str]:
+    """Which of the keys are absent, each in words with its remedy."""
     by_name = {f.name: f for f in dataclasses.fields(section)}
     missing = [k for k in keys if getattr(section, k) is None]
-    if missing:
-        raise MissingKey([f"[{section.name}] {k}: missing; give {k} = ... ({describe(by_name[k])})" for k in missing])
-    return [getattr(section, k) for k in keys]
+    return [f"[{section.name}] {k}: missing; give {k} = ... ({describe(by_name[k])})" for k in missing]

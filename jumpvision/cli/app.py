@@ -17,7 +17,7 @@ from .codes import FAILED as FAILED
 
 ABOUT = (
     "From films of a jumping robot on hard ground and sand to tracks, fields, forces and tested models.",
-    "Start with: jumpvision run data_samples/loose_sand",
+    "Start with: jumpvision run data_samples/loose_sand --results results/loose_sand",
 )
 app = App(name="jumpvision", help="\n\n".join(ABOUT), version=__version__, suppress_keyboard_interrupt=False)
 
@@ -44,6 +44,7 @@ class Options:
         Path | None, Parameter(help="model.toml, e.g. of diagnose: its [model] and [robot] over the folder's.")
     ] = None
     json: Annotated[bool, Parameter(negative="", help="Machine-readable result on stdout.")] = False
+    table: Annotated[bool, Parameter(negative="", help="Print every row, not only what stands out.")] = False
     workers: Annotated[int | None, Parameter(help="Processes for a campaign; default: the cores.")] = None
     verify: Annotated[bool, Parameter(negative="", help="Hash every input again, whatever its date says.")] = False
     fresh_if_versions_differ: Annotated[

@@ -17,6 +17,7 @@ from cyclopts import Group, Parameter
 from jumpvision.experiment.workflow.stage import Declared, declared
 
 from .app import DONE, FAILED, OPTIONS, Options, app, cores
+from .progress import DIAGNOSIS, EXPERIMENTS, PICTURES
 
 if TYPE_CHECKING:
     from jumpvision.engine.document.diagnosis import Diagnosis
@@ -58,13 +59,14 @@ def work(
 ) -> Run:
     """Run the folder at `path`: `stages`, those of a pipeline file, or all; ask: as in run_folder."""
     from jumpvision.base.compiling import noticed
-    from jumpvision.experiment.campaign.folder import results_of, run_folder
-    from jumpvision.experiment.inputs.experiment import Campaign, Experiment, folder_of
+    from jumpvision.experiment.campaign.folder import asks, results_of, run_folder
+    from jumpvision.experiment.inputs.experiment import Campaign, folder_of
     from jumpvision.experiment.workflow.many import prepare
     from jumpvision.experiment.workflow.run import Pipeline, Plan, read_pipeline
     from jumpvision.report.figures import PICTURES, diagnosis_png
 
     from . import terminal
+    from .progress import Progress
 
     path = folder_of(path)
     if stages:
@@ -88,19 +90,27 @@ def work(
     if isinstance(opened, Campaign):
         _say_repeated(opened)
     elsewhere = _hand_over(opened, plan, profile, options, pipeline) if profile else None
-    total = 1 if isinstance(opened, Experiment) else len(opened.experiments)
-    with terminal.Progress(total, as_json=options.json) as progress, noticed(terminal.compiling):
+    many = opened if isinstance(opened, Campaign) else None
+    number = options.workers or cores()
+    phases = phases_of(plan, asks=bool(many and asks(many, plan, ask)), drawn=bool(many and options.pictures))
+    shown = Progress(many, workers=number, as_json=options.json, whole=options.table, phases=phases)
+    with shown as progress, noticed(terminal.compiling):
         return run_folder(
             opened,
             plan,
-            workers=options.workers or cores(),
+            workers=number,
             watcher=progress,
             elsewhere=elsewhere,
             ask=ask,
             draw=diagnosis_png,
             pictured=options.pictures,
-            say=lambda text: terminal.line(f"diagnose: {text}"),
+            say=progress.question,
         )
+
+
+def phases_of(plan: Plan, *, asks: bool, drawn: bool) -> list[str]:
+    """What a run of a campaign goes through, in order."""
+    return [EXPERIMENTS, *[DIAGNOSIS] * asks, *[PICTURES] * (drawn and bool(plan.pictures))]
 
 
 def _say_left_out(path: Path) -> None:
@@ -153,7 +163,7 @@ def show(done: Run, options: Options, *, page: bool = False) -> int:
                 diagnosis=done.diagnosis,
             )
         )
-    terminal.outcome(done, as_json=options.json)
+    terminal.outcome(done, as_json=options.json, whole=options.table)
     for text in done.notes:
         terminal.line(f"note: {text}")
     return FAILED if done.failed else DONE
@@ -171,7 +181,7 @@ def _hand_over(
     if isinstance(opened, Experiment):
         raise InputError([f"--profile {profile}: {opened.path} is one experiment; give a campaign, or leave it out"])
     passed = [x for text in options.set for x in ("--set", text)]
-    passed += ["--pipeline", str(pipeline.absolute())] if pipeline else []
+    passed += ["--pipeline", str(pipeline.absolute() if pipeline.exists() else pipeline)] if pipeline else []
     passed += ([] if options.pictures else ["--no-pictures"]) + (["--verify"] if options.verify else [])
     passed += ["--fresh-if-versions-differ"] if options.fresh_if_versions_differ else []
     return hand_over(opened, plan, profile, options=passed, jobs=options.workers, frames=grain_frames(opened))
@@ -216,14 +226,14 @@ def run(
 ) -> int:
     """Every stage that has inputs, for one experiment, a whole campaign or a folder of campaigns, then report.html.
 
-    Example: jumpvision run data_samples/loose_sand
+    Example: jumpvision run data_samples/loose_sand --results results/loose_sand
 
     Parameters
     ----------
     path
         An experiment folder (with experiment.toml), a folder of them, or a folder of such folders.
     pipeline
-        TOML file with the stages to run and their parameters, e.g. pipelines/granular.toml.
+        The stages to run and their parameters: granular, hard_ground, piv_only, or a TOML file of your own.
     profile
         Hand a campaign to Snakemake: local, slurm, or a folder with config.yaml (docs/scale.md); --workers is then
         the number of jobs at a time.
@@ -284,7 +294,9 @@ def _add(stage: Declared) -> None:
     def command(path: Path, /, *, options: Options = OPTIONS) -> int:
         return show(work(path, options, stages=(stage.name,)), options)
 
-    command.__doc__ = f"{stage.help}\n\nExample: jumpvision {stage.name} data_samples/hard_ground"
+    command.__doc__ = (
+        f"{stage.help}\n\nExample: jumpvision {stage.name} data_samples/hard_ground --results results/hard_ground"
+    )
     app.command(command, name=stage.name, group=ONE)
 
 
@@ -378,7 +390,7 @@ def diagnose(
 ) -> int:
     """What the simulation gets wrong, why, the extended model and what it gains (diagnosis.json, model.toml).
 
-    Example: jumpvision diagnose data_samples/loose_sand
+    Example: jumpvision diagnose data_samples/loose_sand --results results/loose_sand
 
     Parameters
     ----------
@@ -413,7 +425,14 @@ def diagnose(
         done = work(path, options, stages=DIAGNOSED, ask=True)
     assert done.diagnosis is not None  # a campaign that cannot be questioned raises
     terminal.warned(done.outcomes)
-    terminal.diagnosis(done.diagnosis, done.campaign, done.files, as_json=options.json)
+    terminal.diagnosis(
+        done.diagnosis,
+        done.campaign,
+        done.files,
+        as_json=options.json,
+        outcomes=done.outcomes,
+        whole=options.table,
+    )
     return FAILED if done.failed else DONE
 
 
@@ -452,7 +471,7 @@ def _foreign(path: Path, simulator: str, limit: float, budget: int | None, optio
         terminal.line(f"warning: {warning}")
     title = f"{path.absolute().name}, {simulator}"
     made = write_study(found, done.plan.results, title, pictures=options.pictures)
-    terminal.diagnosis(found, done.campaign, made, as_json=options.json)
+    terminal.diagnosis(found, done.campaign, made, as_json=options.json, whole=options.table)
     return FAILED if done.failed else DONE
 
 
@@ -460,7 +479,7 @@ def _foreign(path: Path, simulator: str, limit: float, budget: int | None, optio
 def report(path: Path, /, *, options: Options = OPTIONS) -> int:
     """One self-contained HTML page with the figures, from the results (computing what is missing); or of a sweep.nc.
 
-    Example: jumpvision report data_samples/hard_ground
+    Example: jumpvision report data_samples/hard_ground --results results/hard_ground
     """
     if path.suffix == ".nc":
         from jumpvision.thesis.page import write_sweep

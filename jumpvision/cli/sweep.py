@@ -233,6 +233,8 @@ def plan(
 ) -> int:
     """Motor trajectory for a jump to a given apex: plan.csv, plan.json, plan.png and an animation plan.html.
 
+    Needs CasADi: pip install casadi.
+
     Example: jumpvision plan --apex 0.04 --ground granular
 
     Parameters

@@ -5,20 +5,20 @@ from __future__ import annotations
 import contextlib
 import json
 import sys
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from jumpvision.base.numbers import between, said
 from jumpvision.base.progress import HOOK, setting
 from jumpvision.base.record import plain
 from jumpvision.base.schema import harmless
 
-if TYPE_CHECKING:
-    from rich.progress import TaskID
+from .progress import Progress
+from .progress import line as line
 
+if TYPE_CHECKING:
     from jumpvision.base.local_page import LocalServer
     from jumpvision.engine.document.diagnosis import Diagnosis
     from jumpvision.experiment.campaign.explore.history import Round
@@ -28,68 +28,15 @@ if TYPE_CHECKING:
     from jumpvision.experiment.workflow.run import Outcome
 
 
-def line(text: str) -> None:
-    """One line on stderr."""
-    print(harmless(text), file=sys.stderr, flush=True)
-
-
 def compiling() -> None:
-    """Said as numba begins: else half a minute passes without a word."""
-    line("compiling for this machine, this once: half a minute of the first run, a minute where films are matched")
-
-
-class Progress:
-    """Progress on stderr: a bar of frames for one experiment, one line an experiment for a campaign."""
-
-    def __init__(self, total: int, *, as_json: bool = False):
-        self.as_json = as_json
-        self.total, self.done, self.began, self.bar = total, 0, time.perf_counter(), None
-        self.tasks: dict[str, TaskID] = {}
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self.bar is not None:
-            self.bar.stop()
-
-    def frames(self, what: str, done: int, total: int | None) -> None:
-        """Hook of `progress.watch`."""
-        if not sys.stderr.isatty():
-            if total and done == total:
-                line(f"{what}: {done} done")
-            return
-        if self.bar is None:
-            from rich.console import Console
-            from rich.progress import Progress as Bar
-
-            self.bar = Bar(console=Console(stderr=True), transient=True)  # type: ignore[assignment]
-            self.bar.start()  # type: ignore[attr-defined]
-        if what not in self.tasks or done == 0:
-            self.tasks[what] = self.bar.add_task(what, total=total)  # type: ignore[attr-defined]
-        self.bar.update(self.tasks[what], completed=done)  # type: ignore[attr-defined]
-
-    def found(self, run: Run) -> None:
-        """The tables and the verdict, before the pictures are drawn."""
-        left = sum(o.undrawn for o in run.outcomes)
-        if run.plan.whole and left and not self.as_json:
-            tables(run.campaign, run.outcomes, run.diagnosis)
-            sys.stdout.flush()
-            line(f"drawing the pictures and films of {left} experiment{'s' if left > 1 else ''}")
-            run.told = True
-
-    def experiment(self, outcome: Outcome) -> None:
-        """One finished experiment, with the time left."""
-        self.done += 1
-        left = (time.perf_counter() - self.began) / self.done * (self.total - self.done)
-        state = "failed" if outcome.errors else "computed" if outcome.computed else "cached"
-        line(f"[{self.done}/{self.total}] {outcome.name}: {state} ({outcome.seconds:.1f} s; {left:.0f} s left)")
+    """Said as numba begins: else a minute and more passes without a word."""
+    line("compiling for this machine, this once: a minute or two on an idle machine, longer on a busy one")
 
 
 @contextlib.contextmanager
 def progress() -> Iterator[None]:
     """Within, long work of one thing is shown."""
-    with Progress(1) as shown, setting(HOOK, shown.frames):
+    with Progress() as shown, setting(HOOK, shown.frames):
         yield
 
 
@@ -160,11 +107,6 @@ def _is_number(value: Any) -> bool:
     return True
 
 
-def verdict(diagnosis: Diagnosis) -> list[str]:
-    """The sentence, and what confirms it."""
-    return [text for text in (diagnosis.sentence, diagnosis.confirmed) if text]
-
-
 def beside_truth(diagnosis: Diagnosis, campaign: Campaign) -> None:
     """The parameters of the named mechanisms, and what films or tests measure of them, each beside the truth."""
     from jumpvision.experiment.campaign.truth import confirmation_rows, parameter_rows
@@ -178,19 +120,60 @@ def beside_truth(diagnosis: Diagnosis, campaign: Campaign) -> None:
             table(rows, title)
 
 
-def diagnosis(found: Diagnosis, campaign: Campaign, made: list[Path], *, as_json: bool) -> None:
-    """What `diagnose` found: the sentence, the parameters beside the truth, the causes, the gain."""
+def sure(found: Diagnosis) -> list[str]:
+    """How sure a verdict is, in lines: by the test, by the models tried, on what was held out."""
     from jumpvision.engine.document.diagnosis import chance
 
-    if as_json:
-        print(json.dumps(found.values, indent=1))
-        return
-    print(harmless("\n".join(verdict(found))))
+    lines = []
+    if not found.adequate:
+        lines.append(f"noise alone would give a misfit as large with probability {chance(found.p_value)}")
+        named = next((c for c in found.models if found.names(c)), None)
+        if named:
+            lines.append(f"probability of what is named, of all that was tried: {chance(named.probability)}")
+    if (g := found.gain) and found.unit:
+        unit = {"1": "", "noise": " noise"}.get(found.unit, f" {found.unit}")
+        held = f"{said(g.rmse_track_before_m)} -> {said(g.rmse_track_after_m)}{unit} rms"
+    elif g:
+        tracks = f"{said(g.rmse_track_before_m, '.3f', 1e3)} -> {said(g.rmse_track_after_m, '.3f', 1e3)} mm"
+        heights = f"{said(g.rmse_height_before_m, '.2f', 1e3)} -> {said(g.rmse_height_after_m, '.2f', 1e3)} mm rms"
+        held = f"track {tracks}, heights {heights}"
+    if g:
+        lines.append(f"held-out error: {held}; ratio {said(g.ratio, '.1f')}{between(*g.ratio_ci95, '.1f')}")
+    return lines
+
+
+def verdict(found: Diagnosis, campaign: Campaign) -> None:
+    """On stdout, in this order: the sentence, what would mend it, the parameters beside the truth, how sure it is."""
+    print(harmless("\n".join(text for text in (found.sentence, found.confirmed) if text)))
     if found.suggested:
         lines = [f"  {s.file}: {s.line}" for s in found.suggested]
         print(harmless("\n".join(["to mend (jumpvision diagnose --accept writes it):", *lines])))
     if found.unit is None:
         beside_truth(found, campaign)
+    if lines := sure(found):
+        print(harmless("\n".join(["\nhow sure:", *(f"  {text}" for text in lines)])))
+
+
+def diagnosis(
+    found: Diagnosis,
+    campaign: Campaign,
+    made: list[Path],
+    *,
+    as_json: bool,
+    outcomes: Sequence[Outcome] = (),
+    whole: bool = False,
+) -> None:
+    """What `diagnose` found: the verdict, the experiments that stand out, the models tried, where to look.
+
+    whole: every experiment, every model.
+    """
+    from jumpvision.engine.document.diagnosis import chance
+
+    if as_json:
+        print(json.dumps(found.values, indent=1))
+        return
+    verdict(found, campaign)
+    _experiments(campaign, outcomes, found, whole=whole)
     rows = [
         {
             "mechanism": " + ".join(c.mechanisms),
@@ -202,26 +185,39 @@ def diagnosis(found: Diagnosis, campaign: Campaign, made: list[Path], *, as_json
     ]
     if rows:
         print()
-        table(rows)
+        shown = rows if whole else rows[:MODELS]
+        table(shown)
+        _left(len(rows) - len(shown), "less likely models")
+    sys.stdout.flush()
     if found.runs:
         line(f"simulations: {found.runs.made} made, {found.runs.kept} kept from before, {said(found.runs.seconds)} s")
-    if (g := found.gain) and found.unit:
-        unit = {"1": "", "noise": " noise"}.get(found.unit, f" {found.unit}")
-        line(
-            f"held out: {said(g.rmse_track_before_m)} -> {said(g.rmse_track_after_m)}{unit} rms; "
-            f"ratio {said(g.ratio, '.1f')}{between(*g.ratio_ci95, '.1f')}"
-        )
-    elif g:
-        track = f"{said(g.rmse_track_before_m, '.3f', 1e3)} -> {said(g.rmse_track_after_m, '.3f', 1e3)} mm"
-        heights = f"{said(g.rmse_height_before_m, '.2f', 1e3)} -> {said(g.rmse_height_after_m, '.2f', 1e3)} mm rms"
-        line(f"held out: track {track}, heights {heights}; ratio {said(g.ratio, '.1f')}{between(*g.ratio_ci95, '.1f')}")
     if found.could_hide:
         line(found.could_hide)
+    _next(found)
+    look_at(made)
+
+
+def _next(found: Diagnosis) -> None:
+    """The next experiment, where there is one."""
     if n := found.next_experiment:
         far = n.expected_log10_odds >= 6.0  # larger odds than 10^6 say nothing more
         odds = "beyond doubt, it is expected" if far else f"odds of {said(10**n.expected_log10_odds, '.2g')} expected"
         line(f"next experiment: {n.words} separates {' from '.join(n.separates)} ({odds})")
-    line("written: " + ", ".join(str(f) for f in made))
+
+
+SHOWS = {
+    ".html": "the page, every figure",
+    ".png": "the picture of it",
+    ".toml": "the extended model, for --model",
+    ".json": "all numbers",
+}
+
+
+def look_at(made: Sequence[Path]) -> None:
+    """Where to look: the page first."""
+    order = list(SHOWS)
+    for f in sorted(made, key=lambda f: order.index(f.suffix) if f.suffix in order else len(order)):
+        line(f"look at {f}" + (f"  ({SHOWS[f.suffix]})" if f.suffix in SHOWS else ""))
 
 
 def exploration(told: Round, folders: Sequence[Path], made: list[Path], as_json: bool) -> None:
@@ -241,7 +237,7 @@ def exploration(told: Round, folders: Sequence[Path], made: list[Path], as_json:
     line("written: " + ", ".join(str(f) for f in made))
 
 
-def outcome(done: Run, *, as_json: bool) -> None:
+def outcome(done: Run, *, as_json: bool, whole: bool = False) -> None:
     """The end of a command: tables on stdout, if not told before; what was done, skipped and failed on stderr."""
     campaign, outcomes, diagnosis = done.campaign, done.outcomes, done.diagnosis
     if as_json:
@@ -264,7 +260,7 @@ def outcome(done: Run, *, as_json: bool) -> None:
         }
         print(json.dumps(plain(data), indent=1))
     elif not done.told:
-        tables(campaign, outcomes, diagnosis)
+        tables(campaign, outcomes, diagnosis, whole=whole)
     warned(outcomes)
     older = {o.name: o.older for o in outcomes if o.older}
     if older:
@@ -291,7 +287,10 @@ def outcome(done: Run, *, as_json: bool) -> None:
     )
     part = sum(bool(o.errors and o.steps) for o in outcomes)
     line(f"{len(outcomes) - failed} of {len(outcomes)} experiments done{f', {part} in part' * bool(part)}; {what}")
-    line(f"results in {done.plan.results}" + "".join(f"; open {m}" for m in done.files))
+    if done.diagnosis and not as_json:
+        _next(done.diagnosis)
+    line(f"results in {done.plan.results}")
+    look_at(done.files)
 
 
 def warned(outcomes: list[Outcome]) -> None:
@@ -301,22 +300,48 @@ def warned(outcomes: list[Outcome]) -> None:
             line(f"warning: {o.name}: {text}")
 
 
-def tables(campaign: Campaign, outcomes: list[Outcome], diagnosis: Diagnosis | None) -> None:
-    """Heights and details beside their truth, then what the diagnosis says, on stdout."""
+FEW = 8  # rows that are not worth a cut
+MODELS = 4  # models that are told beside the named one
+
+
+def tables(campaign: Campaign, outcomes: list[Outcome], diagnosis: Diagnosis | None, *, whole: bool = False) -> None:
+    """On stdout: the verdict; heights and details beside their truth, of those that stand out or (whole) of all."""
+    if diagnosis:
+        verdict(diagnosis, campaign)
+    _experiments(campaign, outcomes, diagnosis, whole=whole)
+    sys.stdout.flush()
+
+
+def _experiments(campaign: Campaign, outcomes: Sequence[Outcome], diagnosis: Diagnosis | None, *, whole: bool) -> None:
+    """Rows of the experiments that stand out, with the reason; whole: of all of them."""
+    from jumpvision.experiment.campaign.odd import odd
     from jumpvision.experiment.campaign.truth import coverage_words, details, overview
 
-    if any(o.summary for o in outcomes):
-        rows_of_heights = overview(campaign, [o for o in outcomes if o.summary or o.errors])
-        if len(rows_of_heights[0]) > 1:
-            table(rows_of_heights)
-        if rows_of_details := details(campaign, outcomes):
-            print()
-            table(rows_of_details)
-        if text := coverage_words(campaign, outcomes):
-            print("\n" + text)
+    if not any(o.summary for o in outcomes):
+        return
+    why = odd(campaign, outcomes, diagnosis)
+    whole |= diagnosis is None or len(outcomes) <= FEW  # without a verdict the table is what was found
+    shown = [o for o in outcomes if whole or o.name in why]
+    told = [o for o in shown if o.summary or o.errors]
     if diagnosis:
-        print("\n" + "\n".join(verdict(diagnosis)))
-        beside_truth(diagnosis, campaign)
+        print()
+    if told and len((rows := overview(campaign, told))[0]) > 1:
+        table([{**row, "stands out": why.get(row["experiment"], "")} if why else row for row in rows])
+    if shown:
+        _left(len(outcomes) - len(shown), "experiments that do not stand out")
+    else:
+        print(f"none of {len(outcomes)} experiments stands out (--table shows all)")
+    if rows := details(campaign, shown):
+        print()
+        table(rows)
+    if text := coverage_words(campaign, list(outcomes)):
+        print("\n" + text)
+
+
+def _left(n: int, what: str) -> None:
+    """How many rows a table is short of."""
+    if n:
+        print(f"(and {n} {what}; --table shows all)")
 
 
 class _Check(NamedTuple):

@@ -45,6 +45,9 @@ class Watcher(Protocol):
     def experiment(self, outcome: Outcome) -> None:
         """One experiment of a campaign has ended."""
 
+    def drawn(self, outcome: Outcome, names: Sequence[str]) -> None:
+        """The pictures of an experiment of a campaign, one of these, are drawn."""
+
     def found(self, run: Run) -> None:
         """All numbers of a campaign are known; the pictures of its experiments may be left."""
 
@@ -114,14 +117,14 @@ def run_folder(
     campaign = as_campaign(opened)
     _apart(campaign, plan.results, single=isinstance(opened, Experiment))
     single = isinstance(opened, Experiment)
-    asks = not single and (ask or (ask is None and plan.whole and plan.stages is None and _worth_asking(campaign)))
-    early = _Early(campaign, workers, say) if asks else None
+    asked = not single and asks(campaign, plan, ask)
+    early = _Early(campaign, workers, say) if asked else None
     run = Run(campaign, single, plan, _outcomes(opened, plan, workers, watcher, elsewhere, early))
     if run.single:
         return run
     written = _tables(run)
     try:
-        if asks:
+        if asked:
             from .diagnose import question
 
             told = {o.name: o for o in run.outcomes}
@@ -141,13 +144,20 @@ def run_folder(
         run.files += _craters(run)
         if watcher is not None:
             watcher.found(run)
-        run.outcomes = draw_experiments(campaign, plan, run.outcomes, workers=workers)
+        undrawn = [o.name for o in run.outcomes if o.undrawn]
+        report = (lambda outcome: watcher.drawn(outcome, undrawn)) if watcher else None
+        run.outcomes = draw_experiments(campaign, plan, run.outcomes, workers=workers, done=report)
     finally:
         made_of = {o.name: _digest(campaign[o.name], o) for o in run.outcomes}
         names = [f.name for f in (*written, *run.files)]
         lasting = () if plan.whole else (files.MODEL, files.PICTURE, files.DIAGNOSIS)
         run.notes = settle_tables(plan.results, made_of, names, plan.command, warnings=run.warnings, lasting=lasting)
     return run
+
+
+def asks(campaign: Campaign, plan: Plan, ask: bool | None) -> bool:
+    """Whether the model of a campaign is questioned; ask: as in `run_folder`."""
+    return bool(ask or (ask is None and plan.whole and plan.stages is None and _worth_asking(campaign)))
 
 
 def _apart(campaign: Campaign, results: Path, *, single: bool) -> None:

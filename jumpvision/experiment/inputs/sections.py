@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import ClassVar
 
-from jumpvision.base.schema import FileSection, MissingKey, NotApplicable, Section, need, param
+from jumpvision.base.schema import FileSection, MissingKey, NotApplicable, Section, lacking, need, param
 
 from .recordings import (
     LENGTHS,
@@ -188,6 +188,7 @@ __all__ = [
     "RodVideo",
     "Section",
     "SpringLog",
+    "lacking",
     "need",
 ]
 

@@ -74,6 +74,11 @@ def _netcdf(file: Path, measured: Collection[float]) -> Vectors:
             data = d.load()
     except OSError as e:
         raise InputError([f"{file}: not a NetCDF file ({e.strerror or e}); export it again"]) from None
+    return vectors_of(data, str(file), measured)
+
+
+def vectors_of(data: xr.Dataset, file: str, measured: Collection[float] = ()) -> Vectors:
+    """The field of a data set of pivpy's schema, x, y, u, v and what else of it is there; file: its name in errors."""
     lacking = [k for k in ("x", "y", "u", "v") if k not in data]
     if lacking or not {"x", "y"} <= set(data.u.dims):
         raise InputError([f"{file}: {', '.join(lacking) or 'dims x, y'} missing; pivpy's schema has u, v (y, x, t)"])
@@ -106,7 +111,7 @@ def _netcdf(file: Path, measured: Collection[float]) -> Vectors:
     )
 
 
-def _measured(file: Path, data: xr.Dataset, measured: Collection[float]) -> NDArray[np.bool_]:
+def _measured(file: str, data: xr.Dataset, measured: Collection[float]) -> NDArray[np.bool_]:
     """Which vectors were measured, (y, x, t), by chc: pivpy's schema says 1, but its readers hand on what the program
     wrote, and put zeros for vectors that are missing in text."""
     chc = data.chc.values

@@ -47,7 +47,7 @@ from jumpvision.jumper.physics.oscillator import foot_frequency, foot_ripple, li
 
 from .crosschecks import motion_of
 from .recordings import scaled, timed
-from .rod import commanded, hanging_foot, read_motor, total_mass
+from .rod import commanded, hanging_foot, needs_of_law, read_motor, total_mass
 
 NAN = math.nan
 
@@ -70,7 +70,15 @@ class Recordings(Inputs):
     clock: Clock | None
 
 
-@stage(version=16, any_of=("rod", "contact", "column", "flow", "intrusion", "spring", "log"))
+MOVING = {"rod_video", "rod_track", "motor_log", "contact_log"}  # of these a fit heeds when the motor stops
+
+
+def needs_of_fit(experiment: Experiment, law: Actuation | None) -> list[str]:
+    """The law of a motor whose jump was recorded."""
+    return needs_of_law(law) if MOVING & experiment.sections.keys() else []
+
+
+@stage(version=16, any_of=("rod", "contact", "column", "flow", "intrusion", "spring", "log"), needs=needs_of_fit)
 def fit(experiment: Experiment, given: Recordings, *, p: FitParams) -> Fits:
     """Ring-down, flights, spring, column profile, jammed front, actuator: every fit with its uncertainty.
 
@@ -336,6 +344,9 @@ def actuator_fits(log: MotorLog, law: Actuation) -> dict[str, Estimate]:
     frequency = need(law, "frequency")[0]
     if t[0] > law.start or t[-1] < law.stop:
         return {}  # not from rest to rest
+    if (apart := float(np.median(np.diff(t)))) > 0.25 / frequency:  # four readings a period: fewer do not show it
+        why = f"[motor_log] reads every {apart:.3g} s, [actuation] moves at {frequency:g} Hz: are its times in ms?"
+        return {"actuator_ratio": Estimate(math.nan, math.nan, "", t.size, math.nan, why)}
     steps = np.abs(np.diff(position))
     step = float(steps[steps > 1e-12].min()) if (steps > 1e-12).any() else 0.0
     rest = position[at_rest(t, law.start)]

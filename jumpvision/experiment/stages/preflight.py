@@ -22,7 +22,6 @@ from jumpvision.base.schema import InputError, StageWarning, Told, read, told_in
 from jumpvision.estimate.flight import contact_flights
 from jumpvision.experiment.inputs.experiment import Experiment
 from jumpvision.experiment.inputs.logs import read_log
-from jumpvision.experiment.inputs.model import ModelSpec
 from jumpvision.experiment.inputs.sections import (
     PHASES,
     Actuation,
@@ -36,14 +35,13 @@ from jumpvision.experiment.inputs.sections import (
     MotorLog,
     NotApplicable,
     Robot,
-    RodTrack,
     RodVideo,
     SpringLog,
-    need,
 )
 from jumpvision.experiment.results.tables import RodMotion, Track
 from jumpvision.experiment.results.values import BedHeight, CraterShape
 from jumpvision.experiment.workflow.stage import STAGES, results_stages
+from jumpvision.experiment.workflow.workspace import Workspace
 from jumpvision.films.frames import Film
 from jumpvision.films.frames.decoding import open_video
 from jumpvision.films.frames.opening import READERS
@@ -53,9 +51,10 @@ from .falling import falling, falls_otherwise, flown
 from .fit import contact_of
 from .modelled import modelled
 from .pushes import pushes
-from .recordings import NOWHERE, bare_view, in_pixels, open_film, open_pictures
+from .recordings import in_pixels, open_film, open_pictures
 from .rod import read_motor, total_mass
 from .spring import read_spring
+from .track import in_px_alone
 
 THOUSAND = 300.0, 3000.0  # ratios that a wrong prefix makes
 SHALLOW = 0.2  # by which a bed may seem deeper than it is filled
@@ -165,23 +164,23 @@ def made_now(e: Experiment, output: type[R]) -> R | None:
 
 
 def _sections(e: Experiment, found: Found) -> None:
-    """Keys that a stage needs."""
-    calibration, law = e.section(Calibration), e.section(Actuation)
-    film, crater = e.section(RodVideo), e.section(CraterImage)
-    if film is not None and in_pixels(film, calibration) and not OF_A_JUMP & e.sections.keys():
+    """Keys that the stages of a run need, by their own lists, and a film that will give no heights."""
+    workspace = Workspace(e, e.path, e.path)
+    for made in results_stages():
+        if not workspace.missing(made.output):
+            given = {i.name: e if i.type is Experiment else e.sections.get(_name_of(i.type)) for i in made.inputs}
+            found.problems += [p for p in made.lacks(given) if p not in found.problems]
+    calibration, film = e.section(Calibration), e.section(RodVideo)
+    if film is not None and in_pixels(film, calibration) and in_px_alone(e.section(Actuation)):
         said = "[rod_video] scale: missing: the track will be in px alone; give scale (metres per pixel) for heights"
         found.told.append(StageWarning("missing", said, film.name).told)
-    elif film is not None:
-        found.ask(partial(bare_view, calibration, film, NOWHERE))
-    if crater is not None:
-        found.ask(partial(bare_view, calibration, crater, NOWHERE))
-    if law is not None and law.moves and (e.section(ModelSpec) or e.section(MotorLog) or e.section(RodTrack)):
-        found.ask(lambda: need(law, "frequency", "amplitude"))
-    if e.section(ModelSpec) is not None and (robot := e.section(Robot)) is not None:
-        found.ask(lambda: need(robot, "motor_mass", "rod_mass", "spring_stiffness"))
 
 
-OF_A_JUMP = {k.name for k in (Actuation, Robot, MotorLog, BedImage, GrainVideo)}  # beside these heights are wanted
+def _name_of(kind: type) -> str:
+    """Of a section; "" for a record."""
+    return getattr(kind, "name", "")
+
+
 OPENED = {RodVideo: open_film, GrainVideo: open_film, BedImage: open_pictures, CraterImage: open_pictures}
 
 

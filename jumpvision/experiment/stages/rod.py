@@ -14,7 +14,7 @@ from jumpvision.estimate.estimate import independent
 from jumpvision.estimate.height import at_rest
 from jumpvision.estimate.mean import difference_noise
 from jumpvision.experiment.inputs.logs import read_log
-from jumpvision.experiment.inputs.sections import Actuation, MotorLog, NotApplicable, Robot, RodTrack, need
+from jumpvision.experiment.inputs.sections import Actuation, MotorLog, NotApplicable, Robot, RodTrack, lacking, need
 from jumpvision.experiment.results.tables import RodMotion, Track
 from jumpvision.experiment.workflow.stage import stage
 from jumpvision.jumper.physics.forcing import Forcing, delayed, sinusoid
@@ -68,6 +68,11 @@ def noise_of(height: NDArray[np.float64]) -> float:
     steps = np.diff(np.unique(height))
     rounding = float(steps.min()) / np.sqrt(12.0) if steps.size else 0.0
     return max(difference_noise(height), rounding, np.finfo(float).tiny)
+
+
+def needs_of_law(law: Actuation | None) -> list[str]:
+    """What the command of a motor that moves is made of."""
+    return lacking(law, "frequency", "amplitude") if law is not None and law.moves else []
 
 
 def commanded(law: Actuation) -> Forcing:

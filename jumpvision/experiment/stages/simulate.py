@@ -16,7 +16,7 @@ from jumpvision.estimate.estimate import checked
 from jumpvision.experiment.inputs.experiment import Experiment, without_folder
 from jumpvision.experiment.inputs.model import ModelSpec
 from jumpvision.experiment.inputs.parameters import SimulateParams
-from jumpvision.experiment.inputs.sections import Actuation, Bed, Motor, MotorLog, Robot, need
+from jumpvision.experiment.inputs.sections import Actuation, Bed, Motor, MotorLog, Robot, lacking, need
 from jumpvision.experiment.results.tables import RodMotion, Simulation
 from jumpvision.experiment.results.values import BedHeight
 from jumpvision.experiment.stages.bed.height import packing
@@ -29,13 +29,18 @@ from jumpvision.jumper.physics.model import Model
 from jumpvision.jumper.physics.sand.jump import beyond_seen
 from jumpvision.jumper.physics.sand.jump import simulate as integrate
 
-from .rod import commanded, read_motor
+from .rod import commanded, needs_of_law, read_motor
 
 TICK = 1e-3  # s, spacing of the output where no track gives the times
 AROUND = np.linspace(-1.0, 10.0, 12)  # s, of a recording, where a clock's error is looked for
 
 
-@stage(version=10, any_of=("log", "law"))
+def needs_of_simulate(robot: Robot, law: Actuation | None) -> list[str]:
+    """Masses and spring; the law of the motor."""
+    return [*lacking(robot, "motor_mass", "rod_mass", "spring_stiffness"), *needs_of_law(law)]
+
+
+@stage(version=10, any_of=("log", "law"), needs=needs_of_simulate)
 def simulate(
     experiment: Experiment,
     robot: Robot,

@@ -15,7 +15,7 @@ from jumpvision.base.schema import InputError
 from jumpvision.estimate.height import at_rest, exposure_shift, shift_noise, shift_sigma
 from jumpvision.estimate.mean import weighted_mean
 from jumpvision.experiment.inputs.logs import read_log
-from jumpvision.experiment.inputs.sections import Actuation, Calibration, RodCorrections, RodVideo
+from jumpvision.experiment.inputs.sections import Actuation, Calibration, RodCorrections, RodVideo, lacking
 from jumpvision.experiment.results.tables import Track
 from jumpvision.experiment.workflow.stage import StageWarning, stage
 from jumpvision.films.calibration import FIELD_OF_FRAME
@@ -31,7 +31,17 @@ from .recordings import SCALE_OF_PIXELS, height_share, in_pixels, open_film, oth
 SAY_FROM = 3.0  # sigma: smaller shifts by the exposure, left in a frame beside a gap, are not worth a warning
 
 
-@stage(version=11)
+def needs_of_track(film: RodVideo, calibration: Calibration | None, actuation: Actuation | None) -> list[str]:
+    """A scale where a jump is to be measured; without one positions are in px."""
+    return [] if in_px_alone(actuation) or not in_pixels(film, calibration) else lacking(film, "scale")
+
+
+def in_px_alone(actuation: Actuation | None) -> bool:
+    """Whether a track without a scale is of use: no motor moves, so that no height of a jump is asked for."""
+    return actuation is None or actuation.kind == "none"
+
+
+@stage(version=11, needs=needs_of_track)
 def track(
     film: RodVideo,
     calibration: Calibration | None,
@@ -46,7 +56,7 @@ def track(
     gives a frame, that is taken and marked, with what was found kept beside it. Without a scale, and without a motor
     whose jump is to be measured, positions are in px alone: heights are NaN.
     """
-    if in_pixels(film, calibration) and (actuation is None or actuation.kind == "none"):
+    if in_pixels(film, calibration) and in_px_alone(actuation):
         blind = replace(film, scale=SCALE_OF_PIXELS, ball_diameter=None)
         motions, _ = from_film(blind, calibration, replace(p, exposure_correction="none"), corrections)
         unknown = dict.fromkeys(("height_m", "sigma_m", "exposure_shift_m", "exposure_shift_sigma_m", "lens_m"), np.nan)

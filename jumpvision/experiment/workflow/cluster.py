@@ -13,14 +13,13 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-import jumpvision
 from jumpvision.base.schema import InputError
 from jumpvision.base.storage import write_aside
 from jumpvision.experiment.inputs.experiment import Campaign
 
-from .run import Plan
+from .run import Plan, pipelines
 
-SELF = [sys.executable, "-c", "import sys; from jumpvision.cli import main; sys.exit(main())"]
+SELF = [sys.executable, "-m", "jumpvision"]
 RULES = ["--rerun-incomplete", "--keep-going", "--scheduler", "greedy", "--nolock"]  # the cache needs no lock
 
 
@@ -43,7 +42,7 @@ def hand_over(
         calls[keys[e.name]] = [*SELF, "run", *where, "--workers", "1", *options]  # as the Snakefile says: threads 1
     films = {keys[name]: n for name, n in frames.items()}
     write_aside(work / "jobs.json", json.dumps({"calls": calls, "frames": films}))
-    call = [program, "--snakefile", str(_pipelines() / "Snakefile"), "--profile", str(folder), "--directory", str(work)]
+    call = [program, "--snakefile", str(pipelines() / "Snakefile"), "--profile", str(folder), "--directory", str(work)]
     ended = subprocess.run([*call, *RULES, *(["--jobs", str(jobs)] if jobs else [])], stdout=sys.stderr)
     reasons: dict[str, list[str]] = {}
     for name, key in keys.items():
@@ -66,14 +65,8 @@ def _snakemake() -> str:
     return found
 
 
-def _pipelines() -> Path:
-    """The folder of the Snakefile: in the installed package, or beside it in a checkout."""
-    here = Path(jumpvision.__file__).parent
-    return next(p for p in (here / "pipelines", here.parent / "pipelines") if p.is_dir())
-
-
 def _profile(name: str) -> Path:
-    shipped = _pipelines() / "profiles"
+    shipped = pipelines() / "profiles"
     for folder in (Path(name), shipped / name):
         if (folder / "config.yaml").is_file():
             return folder.absolute()

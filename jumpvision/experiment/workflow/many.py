@@ -106,12 +106,21 @@ def _run_campaign(
     return [outcomes[n] for n in jobs]
 
 
-def draw(campaign: Campaign, plan: Plan, outcomes: list[Outcome], *, workers: int) -> list[Outcome]:
-    """The outcomes of `run_campaign` with the pictures that it left, `workers` experiments at a time."""
-    made = {o.name: o for o in outcomes}
+def draw(
+    campaign: Campaign, plan: Plan, outcomes: list[Outcome], *, workers: int, done: Report | None = None
+) -> list[Outcome]:
+    """The outcomes of `run_campaign` with the pictures that it left, `workers` experiments at a time; done: is told of
+    each, with the seconds of its pictures."""
+    made, before = ({o.name: o for o in outcomes} for _ in range(2))
+
+    def drawn(name: str, outcome: Outcome) -> None:
+        made[name] = outcome
+        if done is not None:
+            done(replace(outcome, seconds=outcome.seconds - before[name].seconds))
+
     jobs = {e.name: Job(e, plan, plan.results / e.name, made[e.name]) for e in campaign.experiments}
     with no_leftovers(plan):
-        _all(_longest_first({n: job for n, job in jobs.items() if made[n].undrawn}), workers, made.__setitem__)
+        _all(_longest_first({n: job for n, job in jobs.items() if made[n].undrawn}), workers, drawn)
     return list(made.values())
 
 

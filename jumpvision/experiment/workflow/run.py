@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
+import jumpvision
 from jumpvision.base.progress import HOOK, SHARE, WORKERS, Hook, Shared, setting
 from jumpvision.base.record import Record, plain
 from jumpvision.base.schema import InputError, Told, Toml, closest
@@ -51,8 +52,19 @@ class Pipeline:
     params: Mapping[str, Toml] = field(default_factory=dict)
 
 
+def pipelines() -> Path:
+    """The folder of the pipelines that are shipped: in the installed package, or beside it in a checkout."""
+    here = Path(jumpvision.__file__).parent
+    return next(p for p in (here / "pipelines", here.parent / "pipelines") if p.is_dir())
+
+
 def read_pipeline(file: Path) -> Pipeline:
-    """The definition in a TOML file. Raises InputError with every problem."""
+    """The definition in a TOML file, or the shipped one of that name. Raises InputError with every problem."""
+    shipped = {f.stem: f for f in sorted(pipelines().glob("*.toml"))}
+    if not file.exists():
+        if str(file) not in shipped:
+            raise InputError([f"--pipeline {file}: no such file; give one, or a name: {', '.join(shipped)}"])
+        file = shipped[str(file)]
     table = tables_of(file)
     keys = {"description", "stages", "params"}
     problems = [f"{file}: {key}: unknown key{closest(key, keys)}" for key in table if key not in keys]
@@ -130,7 +142,11 @@ def run_experiment(
     workspace = Workspace(experiment, results, plan.cache, verify=plan.verify, computes=computes, fresh=plan.fresh)
     outcome = Outcome(experiment.name, results, errors=list(before.errors) if before else [])
     blamed: set[int] = set()
-    for output, made in wanted(plan):
+    stages = list(wanted(plan))
+    pictures = [output for output, made in stages if made.picture]
+    for output, made in stages:
+        if (hook := HOOK.get()) is not None and made.picture:
+            hook("pictures drawn", pictures.index(output), len(pictures))
         why = workspace.missing(output)
         if why:
             if not made.picture:
@@ -151,6 +167,8 @@ def run_experiment(
                 blamed.add(id(e))
                 said = explain(e, made.name, experiment.path)  # two stages that read one bad log say the same
                 outcome.errors += [text for text in said if text not in outcome.errors]
+    if (hook := HOOK.get()) is not None and pictures:
+        hook("pictures drawn", len(pictures), len(pictures))
     already = {s.stage: s for s in before.steps} if before else {}
     outcome.steps = [already.get(s.stage, s) for s in workspace.steps]
     if isinstance(found := workspace.records.get(Summary), Summary):

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Union, get_args, get_origin, 
 if TYPE_CHECKING:
     from jumpvision.base.record import Record
 
-from jumpvision.base.schema import FileSection, Told
+from jumpvision.base.schema import FileSection, MissingKey, Told
 from jumpvision.base.schema import StageWarning as StageWarning
 
 FOLDER = Path(__file__).parents[1] / "stages"  # every module below it may hold stages
@@ -59,17 +59,27 @@ class Stage:
     any_of: tuple[str, ...]
     picture: bool = False  # a figure drawn from records, not a result that others need
     gathered: Mapping[str, type[Inputs]] = field(default_factory=dict, hash=False)  # arguments of several inputs each
+    needs: Callable[..., list[str]] | None = None  # of inputs by their names: the keys that they lack, in words
 
     def __call__(self, *args: object, **kwargs: object) -> Any:
         return self.function(*args, **kwargs)
 
     def called_with(self, values: Mapping[str, object]) -> Record | None:
-        """What the function makes of its inputs and `p`, given one by one by their names."""
+        """What the function makes of its inputs and `p`, given one by one by their names. MissingKey: see `lacks`."""
+        if problems := self.lacks(values):
+            raise MissingKey(problems)
         left = dict(values)
         together = {
             name: kind(**{n: left.pop(n) for n in get_type_hints(kind)}) for name, kind in self.gathered.items()
         }
         return self.function(**left, **together)
+
+    def lacks(self, values: Mapping[str, object]) -> list[str]:
+        """Keys that sections among the inputs, by name, must give and do not, each with its remedy: all at once, before
+        anything is computed."""
+        if self.needs is None:
+            return []
+        return self.needs(**{name: values[name] for name in inspect.signature(self.needs).parameters})
 
     @property
     def help(self) -> str:
@@ -81,9 +91,14 @@ STAGES: dict[type, Stage] = {}  # by output type
 
 
 def stage(
-    *, version: int, any_of: tuple[str, ...] = (), picture: bool = False
+    *,
+    version: int,
+    any_of: tuple[str, ...] = (),
+    picture: bool = False,
+    needs: Callable[..., list[str]] | None = None,
 ) -> Callable[[Callable[..., Record | None]], Stage]:
-    """Register a function as a stage. any_of: names of inputs of which at least one must be there.
+    """Register a function as a stage. any_of: names of inputs of which at least one must be there. needs: takes inputs
+    by their names, sections alone, and gives the keys that they lack (`base.schema.lacking`); `run` and `check` ask it.
 
     The first paragraph of its docstring is its help, for the command line, notebooks and the docs.
     """
@@ -106,7 +121,10 @@ def stage(
             any_of,
             picture,
             gathered,
+            needs,
         )
+        if needs and (unknown := set(inspect.signature(needs).parameters) - {i.name for i in inputs}):
+            raise TypeError(f"stage {made.name}: needs asks for {unknown}, which are no inputs of it")
         if made.output in STAGES and STAGES[made.output].name != made.name:
             raise TypeError(f"stages {STAGES[made.output].name} and {made.name} both make {made.output.__name__}")
         if made.params and made.params.stage != made.name:  # type: ignore[attr-defined]

@@ -28,6 +28,8 @@ def piv(
     frame_rate: float | None = None,
     scale: float | None = None,
     mask: ArrayLike | None = None,
+    pairs: str = "each",
+    pair_time: float | None = None,
     **parameters: Any,
 ) -> xr.Dataset:
     """Velocity field from frame a to frame b, or of every neighbouring pair of the frames a (n, H, W) or a sequence.
@@ -36,6 +38,9 @@ def piv(
     left out; gain and offset of decimals do not matter. frame_rate [1/s]: default the film's own, else one frame a
     second, so that speeds are px per frame. scale [m/px]: speeds are
     in m/s and places in m with it, in px without. mask (H, W), or (n, H, W) of every frame: True where usable.
+    pairs="AB": double exposures A1, B1, A2, B2, ...: A is matched with its own B alone, `ensemble` takes whole pairs
+    together, frame_rate is that of the pairs and pair_time [s] from A to B (default without a frame_rate: 1 s, so that
+    speeds are px per pair).
     parameters: those of [params.piv], such as window=32, step=8.
 
     Data set over (y, x), with t before them where there are more than two frames: u right, v up, u_sigma, v_sigma,
@@ -47,23 +52,55 @@ def piv(
     p = of_keywords(PivParams, parameters, folder=("foot_rows",), frame_rate=frame_rate or 1.0)
     film = film_at(a, frame_rate) if b is None and isinstance(a, str | os.PathLike) else None
     given = grey_images("piv", film or (a if b is None else (a, b)))
+    known_rate = frame_rate is not None or (film is not None and pairs == "each")
     if not frame_rate:
         frame_rate = film.rate if film else 1.0
     if len(given) <= p.gap:
         raise ValueError(f"piv: {len(given)} frame(s): give two grey images (H, W), or more in one stack")
+    stride, time = clock(len(given), pairs, pair_time, frame_rate, known_rate, p)
     masks = both(usable_of(mask, given), usable_pixels(given))
     frames = in_grey(given)
-    light = light_of(frames, 1, p)
+    light = light_of(frames, stride, p)
     first, second = light(frames[0], 0), light(frames[p.gap], p.gap)
     prefilter, begun = best_prefilter(first, second, mask=masks, gap=p.gap, **matching(p))
-    time, at = np.arange(len(frames)) / frame_rate, Places("images", scale, 0.0, 0.0, 0.0)
-    head = header(time, frames[0].shape, at, prefilter, 1, p)
+    head = header(time, frames[0].shape, Places("images", scale, 0.0, 0.0, 0.0), prefilter, stride, p)
     lit = (light(frame, k) for k, frame in enumerate(frames))
-    fields = [velocities(f, scale, p.gap / frame_rate) for f in fields_of(lit, masks, prefilter, 1, p, begun)]
+    apart = float(time[p.gap] - time[0])
+    fields = [velocities(f, scale, apart) for f in fields_of(lit, masks, prefilter, stride, p, begun)]
     if not any(np.isfinite(f.u).any() for f in fields):
         raise ValueError(f"piv: no vector in the field: {reasons(fields[0])}")
     whole = xr.concat(fields, dim="t").assign_coords(head.coords).assign_attrs(head.attrs)
     return whole if len(frames) > 2 else whole.isel(t=0)
+
+
+EACH, DOUBLE = "each", "AB"  # every frame with the next; double exposures
+
+
+def clock(
+    n: int, pairs: str, apart: float | None, rate: float, known_rate: bool, p: PivParams
+) -> tuple[int, NDArray[np.float64]]:
+    """(frames from one pair to the next, times (n,) of the frames [s]). apart: pair_time. Raises InputError."""
+    if pairs not in (EACH, DOUBLE):
+        raise InputError([f'jv.piv pairs = {pairs!r}: must be "each" (frames 1-2, 2-3, ...) or "AB" (1-2, 3-4, ...)'])
+    if pairs == EACH:
+        if apart is not None:
+            raise InputError([f'jv.piv pair_time = {apart!r}: only of double exposures; give pairs="AB"'])
+        return 1, np.arange(n) / rate
+    problems = []
+    if n % 2:
+        problems.append(f'jv.piv pairs = "AB": {n} frames; one has no partner: give A1, B1, A2, B2, ...')
+    if p.gap != 1 or p.baseline != 1:
+        problems.append('jv.piv pairs = "AB": gap and baseline must be 1: A is matched with its own B alone')
+    if known_rate and apart is None:
+        problems.append('jv.piv pair_time: missing; with pairs="AB" and a frame_rate give the time from A to B [s]')
+    if apart is not None and not 0.0 < apart < 1.0 / rate:
+        most = f"(0, {1.0 / rate:g}) s, less than from one pair to the next; frame_rate is that of the pairs"
+        problems.append(f"jv.piv pair_time = {apart!r}: must be in {most}")
+    if problems:
+        raise InputError(problems)
+    if not known_rate and apart is None:
+        return 2, np.arange(float(n))
+    return 2, np.repeat(np.arange(n // 2) / rate, 2) + np.tile([0.0, apart or 0.0], n // 2)
 
 
 def usable_of(mask: ArrayLike | None, frames: Sequence[NDArray[np.generic]]) -> Usable | None:

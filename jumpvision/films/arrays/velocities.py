@@ -81,7 +81,7 @@ def header(time: Array, shape: tuple[int, int], at: Places, prefilter: float, st
         origin_row_px=at.row,
         window_px=p.window,
         step_px=p.step,
-        error_px=length_of_errors(p.window, p.step, p.preset),
+        error_correlation_length_px=length_of_errors(p.window, p.step, p.preset),
         image_rows=shape[0],
         image_columns=shape[1],
         gap_frames=p.gap,

@@ -16,9 +16,10 @@ class VectorGrid:
 
     delta_t [s]: between the images of a pair. source: what computed the field. scale_m_per_px: NaN where it is not
     known, then places are in px and velocities in px/s; scale_share: its relative standard uncertainty. origin_*: pixel
-    at x = y = 0 (rows count downwards). window_px: side of the matched windows; step_px: between vectors; error_px:
-    length over which the errors are alike. image_*: size of the pictures [px]. ensemble_pairs: of images that a field
-    is made from; gap_frames: between the images of a pair; stride_frames: from one pair to the next.
+    at x = y = 0 (rows count downwards). window_px: side of the matched windows; step_px: between vectors;
+    error_correlation_length_px: over which errors of unsmoothed vectors are correlated. image_*: size of the pictures
+    [px]. ensemble_pairs: of images that a field is made from; gap_frames: between the images of a pair; stride_frames:
+    from one pair to the next.
     """
 
     delta_t: float
@@ -28,7 +29,7 @@ class VectorGrid:
     origin_row_px: float
     window_px: float
     step_px: float
-    error_px: float
+    error_correlation_length_px: float
     image_rows: float
     image_columns: float
     scale_share: float = 0.0
@@ -54,7 +55,7 @@ class VectorGrid:
     @property
     def error_length(self) -> float:
         """The same of the errors, where smoothing has made them alike over more than a window."""
-        return self.error_px / self.step_px
+        return self.error_correlation_length_px / self.step_px
 
     @property
     def window_m(self) -> float:

@@ -17,6 +17,7 @@ from .results import Results, each_file
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
 
 LONGEST = 63  # characters of a name in MATLAB
 
@@ -50,20 +51,24 @@ def _column(values: pd.Series) -> AnyArray:
 
 
 def _write_field(file: Path, folder: Path) -> None:
-    """One variable after the other, so that only one lies in memory."""
     import xarray as xr
+
+    with xr.open_dataset(file, engine="netcdf4", decode_times=False, cache=False) as data:
+        write_variables(data, folder / f"{file.stem}.mat")
+
+
+def write_variables(data: xr.Dataset, target: Path) -> None:
+    """One variable after the other, so that only one lies in memory."""
     from scipy.io import savemat
 
-    target = folder / f"{file.stem}.mat"
-    with xr.open_dataset(file, engine="netcdf4", decode_times=False, cache=False) as data, target.open("wb") as out:
+    with target.open("wb") as out:
         for name in [*map(str, data.coords), *map(str, data.data_vars)]:
-            values = data[name].load()
+            values = data[name].copy(deep=False).load()
             if values.nbytes > 2**31 - 1:  # most bytes of a variable in MAT 5
                 size = f"{values.nbytes / 2**30:.1f} GiB, a MAT file holds 2 a variable"
-                raise InputError([f"{file}: {name} has {size}; --to csv or vtk"])
+                raise InputError([f"{target}: {name} has {size}; csv or vtk hold it"])
             about = {f"{name}_dims": ",".join(map(str, values.dims)), f"{name}_units": values.attrs.get("units", "")}
             savemat(out, _named({name: values.values, **about}), long_field_names=True, oned_as="column")
-            data[name].close()
         said = {f"attribute_{k}": _plain(v) for k, v in data.attrs.items()}
         savemat(out, _named(said), long_field_names=True, oned_as="column")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -70,14 +70,18 @@ def _write_field(file: Path, folder: Path) -> None:
         for name, values in data.data_vars.items():
             groups.setdefault(tuple(map(str, values.dims)), []).append(str(name))
         for dims, names in groups.items():
-            labels = [_header(data, c) for c in (*dims, *names)]
-            with (folder / ("_".join([file.stem, *dims]) + ".csv")).open("w", encoding="utf-8", newline="\n") as out:
-                out.write(",".join(labels) + "\n")
-                for piece in _times(data[names], dims):
-                    table = piece.to_dataframe(dim_order=list(dims)).reset_index() if dims else _scalars(piece)
-                    table[[*dims, *names]].to_csv(out, header=False, index=False, lineterminator="\n")
+            write_rows(data, dims, names, folder / ("_".join([file.stem, *dims]) + ".csv"))
         said = {str(k): v for k, v in data.attrs.items()}
         _csv(pd.DataFrame({"name": said.keys(), "value": said.values()}), folder / f"{file.stem}_attributes.csv")
+
+
+def write_rows(data: xr.Dataset, dims: Sequence[str], names: Sequence[str], target: Path) -> None:
+    """The variables over these dimensions as CSV, a row a place and time; units in the header."""
+    with target.open("w", encoding="utf-8", newline="\n") as out:
+        out.write(",".join(_header(data, c) for c in (*dims, *names)) + "\n")
+        for piece in _times(data[list(names)], tuple(dims)):
+            table = piece.to_dataframe(dim_order=list(dims)).reset_index() if dims else _scalars(piece)
+            table[[*dims, *names]].to_csv(out, header=False, index=False, lineterminator="\n")
 
 
 def _times(data: xr.Dataset, dims: tuple[str, ...]) -> Iterator[xr.Dataset]:

@@ -18,10 +18,10 @@ def write_tecplot(found: list[Results], out: Path) -> list[str]:
 
     Tecplot knows no NaN: a missing value is 0, and the last column, `known`, is 0 where a value of the row is missing.
     """
-    return each_field(found, out, _write_film)
+    return each_field(found, out, write_film)
 
 
-def _write_film(data: xr.Dataset, folder: Path, stem: str) -> None:
+def write_film(data: xr.Dataset, folder: Path, stem: str) -> None:
     names = [str(n) for n, v in data.data_vars.items() if set(v.dims) == {"x", "y", "t"}]
     labels = ", ".join(f'"{_label(data, n)}"' for n in names)
     x, y = np.meshgrid(data.x.values.astype(float), data.y.values.astype(float))

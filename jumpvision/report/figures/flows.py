@@ -21,6 +21,7 @@ from .pictures import Picture, png
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
+    from matplotlib.collections import QuadMesh
     from matplotlib.figure import Figure
 
 COLOURS = ("#ececec", "white", "#56B4E9", "#D55E00", "#0072B2", "#E69F00", "#F0E442", "#CC79A7")  # as REASONS
@@ -107,18 +108,24 @@ def draw_maps(
     x, y = data.x.values * factor, data.y.values * factor
     axes = figure.subplots(*shape, sharex=True, sharey=True)
     for axis, m in zip(axes.flat, panels, strict=True):
-        top = float(np.nanquantile(np.abs(m.values), 0.995)) if np.isfinite(m.values).any() else 0.0
-        limits = {"vmin": -top if m.signed else 0.0, "vmax": top or 1.0}
-        seen = axis.pcolormesh(x, y, m.values, cmap=m.colours, rasterized=True, **limits)
-        figure.colorbar(seen, ax=axis, label=m.label, shrink=0.85)
-        axis.set(aspect="equal", facecolor="#dddddd")
-        axis.grid(False)
+        figure.colorbar(draw_map(axis, data, m, factor), ax=axis, label=m.label, shrink=0.85)
     streamlines(axes[0, 0], x, y, data.u.values, data.v.values)
     axes[0, 0].set_title(title)
     for axis in axes[-1]:
         axis.set_xlabel(f"x [{shown}]")
     for axis in axes[:, 0]:
         axis.set_ylabel(f"y [{shown}] (up)")
+
+
+def draw_map(axis: Axes, data: xr.Dataset, m: Map, factor: float) -> QuadMesh:
+    """A map over data.x and data.y (rising), times factor; grey where nothing is known."""
+    top = float(np.nanquantile(np.abs(m.values), 0.995)) if np.isfinite(m.values).any() else 0.0
+    x, y = data.x.values * factor, data.y.values * factor
+    least = -top if m.signed else 0.0
+    seen = axis.pcolormesh(x, y, m.values, cmap=m.colours, rasterized=True, vmin=least, vmax=top or 1.0)
+    axis.set(aspect="equal", facecolor="#dddddd")
+    axis.grid(False)
+    return seen
 
 
 def tall(data: xr.Dataset, rows: int, most: float) -> float:

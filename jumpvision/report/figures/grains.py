@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.quiver import Quiver
 
 
 class PivPicture(Picture):
@@ -52,25 +53,14 @@ def piv_picture(
             image = frames[grid.middle_frame(i, len(frames))]
     factor, shown = (1e3, "mm") if grid.metric else (1.0, "px")
     extent = np.array(grid.edges) * factor
-    every = max(1, len(field.x) // 32)
-    f = field.isel(t=i, x=slice(None, None, every), y=slice(None, None, every))
     with styled() as Figure:
         figure = Figure(figsize=(6.4, min(8.0, 0.7 + 5.2 * grid.image_rows / grid.image_columns)), layout="constrained")
         axis = figure.subplots()
         if image is not None:
             show_frame(axis, image, extent=extent, alpha=0.75)
         axis.set_aspect("equal")
-        speed = np.hypot(f.u, f.v)
-        x, y = np.meshgrid(f.x * factor, f.y * factor)
-        ok = f.chc.values > 0
-        apart = abs(float(f.x[1] - f.x[0])) * factor if f.sizes["x"] > 1 else 1.0
-        longest = float(np.nanquantile(speed.values[ok], 0.99)) if ok.any() else 1.0
-        of = x[ok], y[ok], f.u.values[ok], f.v.values[ok], speed.values[ok]
-        scale = (longest or 1.0) / (2.5 * apart)
-        arrows = axis.quiver(*of, cmap="viridis", width=0.004, angles="xy", scale_units="xy", scale=scale)
-        bad = ~ok & np.isfinite(f.u.values)
-        axis.plot(x[bad], y[bad], "x", color=ACCENT, ms=3, mew=0.8, label="not measured")
-        if bad.any():
+        bad, arrows = draw_arrows(axis, field.isel(t=i), factor)
+        if bad:
             axis.legend(loc="lower right", facecolor="white", frameon=True)
         axis.set_xlim(extent[0], extent[1])
         axis.set_ylim(extent[2], extent[3])
@@ -83,6 +73,24 @@ def piv_picture(
         )
         axis.grid(False)
         return PivPicture(png(figure))
+
+
+def draw_arrows(axis: Axes, field: xr.Dataset, factor: float) -> tuple[bool, Quiver]:
+    """Measured vectors of a field (y, x), at most 32 to a row, coloured by speed; crosses where others stand. factor:
+    of places, from the field's unit to that of the axis. (whether there are crosses, the arrows)"""
+    every = max(1, len(field.x) // 32)
+    f = field.isel(x=slice(None, None, every), y=slice(None, None, every)).transpose("y", "x", ...)
+    u, v = f.u.values, f.v.values
+    speed, (x, y) = np.hypot(u, v), np.meshgrid(f.x * factor, f.y * factor)
+    ok = f.chc.values > 0 if "chc" in f else np.isfinite(speed)
+    apart = abs(float(f.x[1] - f.x[0])) * factor if f.sizes["x"] > 1 else 1.0
+    longest = float(np.nanquantile(speed[ok], 0.99)) if ok.any() else 1.0
+    scale = (longest or 1.0) / (2.5 * apart)
+    how: dict[str, Any] = {"cmap": "viridis", "width": 0.004, "angles": "xy", "scale_units": "xy", "scale": scale}
+    arrows = axis.quiver(x[ok], y[ok], u[ok], v[ok], speed[ok], **how)
+    bad = ~ok & np.isfinite(u)
+    axis.plot(x[bad], y[bad], "x", color=ACCENT, ms=3, mew=0.8, label="not measured")
+    return bool(bad.any()), arrows
 
 
 @stage(version=5, picture=True)

@@ -160,7 +160,7 @@ def make_plan(
         from jumpvision.jumper.planning.plan import Planner, above, apexes
         from jumpvision.jumper.planning.transcription import Limits
     except ImportError:
-        raise InputError(["plan: needs CasADi; install it with pip install 'jumpvision[plan]'"]) from None
+        raise InputError(["plan: needs CasADi; install it with pip install casadi"]) from None
     m = robot.motor
     own = {n: v for n in ("max_force", "max_speed", "stroke") if m and (v := getattr(m, n)) is not None}
     drive = Drive(m.kp or 0.0, m.kd or 0.0) if m and m.kp else Drive()

@@ -48,7 +48,7 @@ def planners(s: Sweep, objective: str) -> dict[str, Planner]:
         from jumpvision.jumper.planning.plan import Planner
         from jumpvision.jumper.planning.transcription import Limits
     except ImportError:
-        raise InputError(["plans: need CasADi; install it with pip install 'jumpvision[plan]'"]) from None
+        raise InputError(["plans: need CasADi; install it with pip install casadi"]) from None
     m = s.setup.motor
     if m is None or m.kp is None:
         raise InputError(["[motor] kp: missing; a plan is made with the motor's feedback loop"])

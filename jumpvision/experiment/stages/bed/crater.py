@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from jumpvision.base.arrays import Array
 from jumpvision.estimate.crater import Crater, line_crater
 from jumpvision.estimate.crater_map import map_crater
-from jumpvision.experiment.inputs.sections import Bed, Calibration, CraterDepth, CraterImage, need
+from jumpvision.experiment.inputs.sections import Bed, Calibration, CraterDepth, CraterImage, lacking, need
 from jumpvision.experiment.results.values import BedHeight, CraterShape, CraterValues, LaserLine
 from jumpvision.experiment.stages.recordings import open_pictures, view_of
 from jumpvision.experiment.workflow.stage import StageWarning, stage
@@ -24,7 +24,14 @@ from jumpvision.films.vision.saturation import saturation_of
 from .height import packing, packing_common
 
 
-@stage(version=2, any_of=("line", "depth"))
+def needs_of_crater(line: CraterImage | None, depth: CraterDepth | None, calibration: Calibration | None) -> list[str]:
+    """A scale; of a picture marks do as well."""
+    if depth is not None:
+        return lacking(depth, "scale")
+    return [] if line is None or (calibration and calibration.marks) else lacking(line, "scale")
+
+
+@stage(version=2, any_of=("line", "depth"), needs=needs_of_crater)
 def crater(
     line: CraterImage | None,
     depth: CraterDepth | None,

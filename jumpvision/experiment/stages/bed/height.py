@@ -9,7 +9,7 @@ from math import hypot
 import numpy as np
 
 from jumpvision.base.arrays import Array
-from jumpvision.experiment.inputs.sections import Bed, BedImage, Calibration, need
+from jumpvision.experiment.inputs.sections import Bed, BedImage, Calibration, lacking, need
 from jumpvision.experiment.results.values import BedHeight, BedValues
 from jumpvision.experiment.stages.recordings import open_pictures, other_lens, view_of
 from jumpvision.experiment.workflow.stage import StageWarning, stage
@@ -20,7 +20,13 @@ from jumpvision.films.vision.saturation import saturation_of
 from jumpvision.films.vision.surface import BedHeightPx, Surface, bed_height, bed_surface, volume_fraction
 
 
-@stage(version=4)
+def needs_of_bed(image: BedImage, section: Bed | None, calibration: Calibration | None) -> list[str]:
+    """A scale and the floor, unless marks say where they are; the bed's area where its grains are known."""
+    found = [] if calibration and calibration.marks else lacking(image, "scale", "floor_row")
+    return found + (lacking(section, "length", "width") if section and section.solid_volume is not None else [])
+
+
+@stage(version=4, needs=needs_of_bed)
 def bed(image: BedImage, section: Bed | None, calibration: Calibration | None, *, p: BedParams) -> BedHeight:
     """Height of the bed [m] and its volume fraction from [bed_image].
 
@@ -103,8 +109,6 @@ def surfaces_of(
     Last, the same in metres if k1 were one standard uncertainty larger; empty where it is exact.
     """
     pixels, surfaces, others = [], [], []
-    if not (calibration and calibration.marks):
-        need(image, "scale", "floor_row")
     with open_pictures(image) as frames:
         view = view_of(calibration, image, frames.shape)
         other = other_lens(calibration, image, frames.shape)

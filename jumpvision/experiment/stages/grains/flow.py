@@ -45,7 +45,23 @@ def flow(
     """
     field, grid, source = piv.as_matched, piv.geometry, given or film
     assert source is not None  # the field comes from one of them
-    maps: dict[str, list[Array]] = {}
+    data = derivatives(piv, p.half_width)
+    phi = packing(section, bed)[0]
+    sums = Sums(grid, source.foot, (section or Bed()).grain_density * phi) if phi is not None else None
+    found_there = under_the_foot(piv, sums, source, robot, p)
+    shares = shares_of(grid.scale_share, clock.rate_sigma if clock else 0.0, packing_common(section, bed))
+    for name, (values, unit) in with_shares(found_there, shares).items():
+        data[name] = ("t", values, {"units": unit} | ({"share": shares[name]} if name in shares else {}))
+    peak = peak_momentum(data.momentum, data.added_mass)
+    changes = sums.sensitivities(field.isel(t=peak)) if sums and peak is not None else (None, None)
+    return Flow.of(
+        data, FlowGeometry(p.min_speed, p.initial_depth, source.foot, grid.source, grid.scale_share, *changes)
+    )
+
+
+def derivatives(piv: Piv, half_width: int) -> xr.Dataset:
+    """Shear rate, vorticity, divergence and swirl with their sigmas [1/s] over (y, x, t), of the unsmoothed vectors."""
+    field, maps = piv.as_matched, dict[str, list[Array]]()
     for f in Planes(field, MATCHED):
         g = gradients(
             f.u,
@@ -55,8 +71,8 @@ def flow(
             f.u_sigma,
             f.v_sigma,
             f.chc.values > 0,
-            half_width=p.half_width,
-            correlation_length=grid.overlap,
+            half_width=half_width,
+            correlation_length=piv.geometry.overlap,
         )
         found = {
             "shear_rate": strain.shear_rate(g.u_x, g.u_y, g.v_x, g.v_y),
@@ -70,20 +86,9 @@ def flow(
         }
         for name, values in found.items():
             maps.setdefault(name, []).append(values)
-    data = xr.Dataset(
+    return xr.Dataset(
         {k: (("y", "x", "t"), np.stack(a, axis=-1), {"units": "1/s", **MEANING.get(k, {})}) for k, a in maps.items()},
         coords={c: field[c] for c in ("x", "y", "t")},
-    )
-    phi = packing(section, bed)[0]
-    sums = Sums(grid, source.foot, (section or Bed()).grain_density * phi) if phi is not None else None
-    found_there = under_the_foot(piv, sums, source, robot, p)
-    shares = shares_of(grid.scale_share, clock.rate_sigma if clock else 0.0, packing_common(section, bed))
-    for name, (values, unit) in with_shares(found_there, shares).items():
-        data[name] = ("t", values, {"units": unit} | ({"share": shares[name]} if name in shares else {}))
-    peak = peak_momentum(data.momentum, data.added_mass)
-    changes = sums.sensitivities(field.isel(t=peak)) if sums and peak is not None else (None, None)
-    return Flow.of(
-        data, FlowGeometry(p.min_speed, p.initial_depth, source.foot, grid.source, grid.scale_share, *changes)
     )
 
 

@@ -35,7 +35,7 @@ KEPT = 512  # pairs: from so many on finished parts are kept, for a run that is 
 FOOT = "foot.npz"  # the part that is kept of a foot
 
 
-@stage(version=15, any_of=("film", "field"))
+@stage(version=16, any_of=("film", "field"))
 def piv(
     film: GrainVideo | None,
     field: PivField | None,

@@ -29,9 +29,11 @@ NAMED = {k: {"standard_name": f"{k}_velocity"} for k in ("u", "v")}
 FLAGS = {"flag_values": np.array([VALID, INTERPOLATED], np.int8), "flag_meanings": "valid not_measured"}
 
 
-def foreign_field(section: PivField, robot: Robot | None) -> Piv:
-    """SI where the file's units or `scale` allow it, else px; y up, from the foot's face on its axis where given."""
-    raw = read_vectors(section.path, section.measured)
+def foreign_field(section: PivField, robot: Robot | None, raw: Vectors | None = None) -> Piv:
+    """SI where the file's units or `scale` allow it, else px; y up, from the foot's face on its axis where given.
+
+    raw: what the file holds, where it is known."""
+    raw = raw or read_vectors(section.path, section.measured)
     length, metric = length_of(section, raw)
     velocity = speed_of(section, raw, length, metric)
     sign = -1.0 if upwards(section, raw) == "-y" else 1.0
@@ -56,7 +58,7 @@ def foreign_field(section: PivField, robot: Robot | None) -> Piv:
         scale_share=section.scale_sigma / section.scale if section.scale else 0.0,
         window_px=window,
         step_px=window / overlap,
-        error_px=window,  # how far a foreign program's errors are alike is not known
+        error_correlation_length_px=window,  # how far a foreign program's errors are alike is not known
         # the picture is not known: it is taken to end half a window beyond the outermost vectors
         origin_column_px=-x.min() / pixel + 0.5 * window - 0.5,
         origin_row_px=y.max() / pixel + 0.5 * window - 0.5,
@@ -184,6 +186,8 @@ def times(section: PivField, raw: Vectors) -> tuple[Array, float]:
     if raw.time is not None and raw.time.size == n:
         step = float(np.median(np.diff(raw.time))) if n > 1 else np.nan
         return section.start + raw.time, section.gap / section.frame_rate if section.frame_rate else step
+    if n == 1 and section.frame_rate is None:  # one field has no distance in time
+        return np.array([section.start]), raw.pair if raw.pair else np.nan
     if section.frame_rate is None:
         raise _problem(section, "frame_rate: missing; the file numbers its fields; give frame_rate = ... (1/s)")
     middle = section.stride * np.arange(n) + 0.5 * section.gap
