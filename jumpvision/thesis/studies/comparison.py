@@ -165,7 +165,7 @@ def measured_jump(e: Experiment, o: Outcome, plan: Plan) -> Jump:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StageWarning)  # told when the stage itself ran
             done = simulate(e, robot, spec, log, law, motor, None, None, rod, p=p)
-        return float(simulated_height(done, law) or math.nan)
+        return float(simulated_height(done, law, log) or math.nan)
 
     robot, spec = e.required(Robot), e.section(ModelSpec) or ModelSpec()  # hard ground without [model]: no term
     steps = {name: (height(*high) - height(*low)) * share for name, low, high, share in variations(robot, spec)}
