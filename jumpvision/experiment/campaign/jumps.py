@@ -21,7 +21,7 @@ from jumpvision.experiment.results.values import BedHeight, Fits
 from jumpvision.experiment.stages.bed.height import packing
 from jumpvision.experiment.stages.fit import height_fits
 from jumpvision.experiment.stages.recordings import shared_of
-from jumpvision.experiment.stages.rod import total_mass
+from jumpvision.experiment.stages.rod import motor_runs, total_mass
 from jumpvision.experiment.stages.simulate import build_model, driver
 from jumpvision.experiment.workflow.run import Outcome
 from jumpvision.experiment.workflow.stage import StageWarning
@@ -133,7 +133,9 @@ def _jump(e: Experiment, outcome: Outcome) -> tuple[Jump, list[Told]]:
         )
     rod = RodMotion.load(outcome.results)
     # by the stage's own function: a jump whose grain film is still being matched has no fits.json yet
-    height = height_fits(rod, e.section(Robot), e.section(Actuation), log, e.section(Clock)).get("jump_height_m")
+    height = height_fits(rod, e.section(Robot), motor_runs(e.section(Actuation), log), e.section(Clock)).get(
+        "jump_height_m"
+    )
     t, y, sigma = rod.arrays
     phi = packing(section, bed)[0]
     labels = {

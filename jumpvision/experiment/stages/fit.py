@@ -90,7 +90,7 @@ def fit(experiment: Experiment, given: Recordings, *, p: FitParams) -> Fits:
             if len(jumps) > 1 and experiment.ground == "hard":
                 out["restitution"] = restitution(jumps, after=law.stop if law and law.moves else -math.inf)
     if rod is not None:
-        out |= height_fits(rod, robot, law, log, clock)
+        out |= height_fits(rod, robot, motor_runs(law, log), clock)
         out |= ring_fits(rod, flights, robot, law, p, clock)
     if log is not None and law is not None and law.moves:
         out |= actuator_fits(log, law)
@@ -227,10 +227,13 @@ def flight_fits(
 
 
 def height_fits(
-    rod: RodMotion, robot: Robot | None, law: Actuation | None, log: MotorLog | None, clock: Clock | None
+    rod: RodMotion, robot: Robot | None, runs: tuple[float, float] | None, clock: Clock | None
 ) -> dict[str, Estimate]:
-    """Jump height after the motor stops, and the rise while it runs, above the rest height."""
-    if (runs := motor_runs(law, log)) is None:
+    """Jump height after the motor stops, and the rise while it runs, above the rest height.
+
+    runs: when the motor starts and stops [s], as `motor_runs` tells; None: not known, and there is no height.
+    """
+    if runs is None:
         return {}
     begin, stop = runs
     t, h, sigma = rod.arrays

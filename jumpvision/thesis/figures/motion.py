@@ -200,7 +200,7 @@ def lift_off_time(data: xr.Dataset, Figure: NewFigure) -> Figure:
     import matplotlib as mpl
 
     phases = min(data.sizes["phase"], 2)
-    figure = Figure(figsize=(9.6, 6.6), layout="constrained")
+    figure = Figure(figsize=(12.0, 7.0), layout="constrained")
     drawn = figure.subplot_mosaic("aaabbb;ccddee")
     most = attributes_of(thresholds.LiftOffTime, data).cycles
     for i in range(phases):
@@ -235,7 +235,7 @@ def lift_off_time(data: xr.Dataset, Figure: NewFigure) -> Figure:
         off = data.easiest_ratio_damped.isel(phase=i) - 1.0
         right.plot(data.damping_ratio, off, style, marker="o", ms=4, color=color, label=name)
     left.axhline(1.0, color=QUIET, lw=0.8, ls=":")
-    left.set(title="easiest frequency against the cut-off N", xlabel="cycles N", ylabel="$f_N / f_0$", xscale="log")
+    left.set(title="easiest frequency against N", xlabel="cycles N", ylabel="$f_N / f_0$", xscale="log")
     left.legend()
     late = data.cut_off >= min(5.0, float(data.cut_off[-1]))
     first = data.isel(phase=0)
@@ -256,7 +256,7 @@ def lift_off_time(data: xr.Dataset, Figure: NewFigure) -> Figure:
         xlabel="damping ratio ζ",
         ylabel="$f_N / f_0 - 1$",
     )
-    right.legend()
+    right.legend(fontsize=7)
     return figure
 
 
