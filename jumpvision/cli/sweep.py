@@ -63,6 +63,7 @@ class SweepOptions:
             "to an example (docs/granular.md)."
         ),
     ] = None
+    over: Annotated[str, option("Axis along which a comparison is drawn, e.g. phi; default: what varies most.")] = ""
     table: Annotated[Path | None, option("A CSV of your own, drawn beside the analysis: animals.")] = None
     results: Annotated[
         Path | None, option("Folder for the files; default: results/sweep, or results/NAME beside the campaign.")
@@ -112,6 +113,7 @@ def sweep(ground: str, /, *, axes: SweepAxes = SweepAxes(), options: SweepOption
         model=o.model,
         laws=o.laws,
         table=o.table,
+        over=o.over,
         results=results,
         overrides=overrides_of(o.settings),
         workers=o.workers or cores(),

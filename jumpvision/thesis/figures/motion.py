@@ -242,9 +242,9 @@ def lift_off_time(data: xr.Dataset, Figure: NewFigure) -> Figure:
     middle.plot(
         data.cut_off[late], first.easiest_frequency_ratio[late], "o-", ms=4, color=MEASURED, label="stiff motor"
     )
-    for kp, style in zip(data.loop_stiffness.values, ("--", "-.", ":", (0, (5, 1, 1, 1)))):
+    for kp, dashes in zip(data.loop_stiffness.values, ("--", "-.", ":", "-")):
         held = first.easiest_ratio_looped.sel(loop_stiffness=kp)[late]
-        middle.plot(data.cut_off[late], held, color=MODEL, ls=style, label=f"loop of {kp / 1e3:.3g} kN/m")
+        middle.plot(data.cut_off[late], held, color=MODEL, ls=dashes, label=f"loop of {kp / 1e3:.3g} kN/m")
     middle.axhline(1.0, color=QUIET, lw=0.8, ls=":")
     middle.set(title="with the motor's loop", xlabel="cycles N", ylabel="$f_N / f_0$", xscale="log")
     middle.legend(fontsize=7)

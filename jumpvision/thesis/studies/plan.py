@@ -270,11 +270,14 @@ def make_plan(
         single = Planner(robot.model, drive, planner.limits, objective).plan(apex)
         beside = single if single.status == "solved" else None
     if recorded is not None and reached:
-        m = plan.motion
-        recorded = recorded.beside(plan.command, lambda t: np.interp(t, m.t, m.motor - m.rod))
-        over_m = recorded.height - m.jump_height
-        told = {"recorded_apex_m": recorded.height, "recorded_sigma_m": recorded.sigma, "overshoot_m": over_m}
-        numbers = dataclasses.replace(numbers, **told)
+        moved = plan.motion
+        recorded = recorded.beside(plan.command, lambda t: np.interp(t, moved.t, moved.motor - moved.rod))
+        numbers = dataclasses.replace(
+            numbers,
+            recorded_apex_m=recorded.height,
+            recorded_sigma_m=recorded.sigma,
+            overshoot_m=recorded.height - moved.jump_height,
+        )
     return Planned(plan, planner, numbers, beside, recorded if reached else None)
 
 
