@@ -71,6 +71,7 @@ RECORDED = Path(__file__).parents[1] / "data_samples/loose_sand/stutter-7.0Hz-fi
 SHAPE = (600, 200)  # rows, columns [px]
 FILM = RodVideo(file="rod.avi", scale=5e-4, ball_diameter=0.0095)
 LAW = Actuation(kind="stutter", frequency=8.0, amplitude=0.01, start=0.3)
+RUNS = (LAW.start, LAW.stop)
 LENS = Calibration(k1=2e-8, sensor="whole")
 NOISE = 0.01  # px
 TIME = np.arange(0.0, 1.0, 0.005)
@@ -99,7 +100,7 @@ def recorded(
 
 
 def heights(*recording, clock: Clock | None = None) -> dict[str, Estimate]:
-    return height_fits(recorded(*recording), None, LAW, clock)
+    return height_fits(recorded(*recording), None, RUNS, clock)
 
 
 # -- what is stated ------------------------------------------------------------------------------------------
@@ -256,7 +257,7 @@ def test_independent_and_common_are_all_of_it():
     assert motion.common == pytest.approx(
         np.hypot(math.hypot(0.01, foreshortening(0.05)) * np.abs(h), motion.lens), rel=1e-12
     )
-    e, alone = height_fits(motion, None, LAW, None)["jump_height_m"], heights(FILM, LENS)["jump_height_m"]
+    e, alone = height_fits(motion, None, RUNS, None)["jump_height_m"], heights(FILM, LENS)["jump_height_m"]
     assert e.sigma == pytest.approx(math.hypot(alone.sigma, e.sigma_common), rel=1e-6)
 
 
@@ -273,7 +274,7 @@ def test_nothing_stated_leaves_every_number_as_it_was():
     assert np.array_equal(motion.arrays[2], motion.table.sigma_m)
     before = RodMotion(motion.table[list(RodMotion.columns)])  # a file from before
     assert all(np.array_equal(a, b) for a, b in zip(before.arrays, motion.arrays))
-    found = (heights(FILM, LENS), height_fits(before, None, LAW, None), heights(FILM, LENS, clock=Clock()))
+    found = (heights(FILM, LENS), height_fits(before, None, RUNS, None), heights(FILM, LENS, clock=Clock()))
     assert len({json.dumps({k: e.entry() for k, e in f.items()}) for f in found}) == 1
     assert all(e.sigma_common == 0.0 for e in heights(FILM, LENS).values())
     e = Estimate(1.0, 0.1, "m", 3, 2.0)
@@ -604,7 +605,7 @@ def test_summary_and_table_show_the_common_part(tmp_path):
     found = heights(film, clock=Clock(offset_sigma=1e-3))
     fits = Fits(found)
     phi = BedHeight({"volume_fraction": 0.57, "sigma_volume_fraction": 3e-3, "sigma_common_volume_fraction": 2e-3})
-    d = summary(open_experiment(tmp_path), LAW, fits, None, phi, None, Said()).values
+    d = summary(open_experiment(tmp_path), LAW, None, fits, None, phi, None, Said()).values
     assert d["sigma_common_m"] == found["jump_height_m"].sigma_common > 0.0
     assert d["motor_rise_m_sigma_common"] == found["motor_rise_m"].sigma_common
     assert d["sigma_common_volume_fraction"] == pytest.approx(2e-3, rel=1e-12)

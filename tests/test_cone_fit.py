@@ -70,6 +70,8 @@ def test_too_short_a_range_says_so():
         said.add(solve_cone(curve, R=R, density=DENSITY, mu=(MU, 0.03), theta=None).reason)
     assert any("does not bend" in text for text in said)
     assert "needs 4" in fit_mass_curve(z[:3], masses(z[:3]), s[:3], R=R).reason
+    level = np.full(6, 0.012)
+    assert fit_mass_curve(level, masses(level), s[:6], R=R).reason == "all depths are 12 mm; a curve needs others"
 
 
 X, Y, FOOT = np.arange(-45, 46) * 1e-3, -(np.arange(45) + 0.5) * 1e-3, 0.5

@@ -30,7 +30,8 @@ from jumpvision.engine.noise.noise import (
 from jumpvision.engine.noise.whitening import Whitening
 from jumpvision.engine.order import diagnose, fit_baseline
 from jumpvision.engine.system import Candidate, Observation, Parameter
-from jumpvision.engine.worth.gain import apex, ratio_interval
+from jumpvision.engine.worth.gain import ratio_interval
+from jumpvision.estimate.height import curve_height
 
 FRAME = 0.005
 
@@ -329,11 +330,16 @@ def test_the_held_out_score_is_that_of_fits_without_each_condition():
     assert held_out_score(problem, problem.fit()) == pytest.approx(total, rel=2e-3)
 
 
-def test_an_apex_is_read_below_the_frame():
+def test_a_height_of_a_model_is_read_below_the_frame_and_never_beyond_its_samples():
     t = np.arange(0, 0.4, FRAME)
     y = 0.05 - 4.9 * (t - 0.2023) ** 2
-    assert apex(t, y, 0.1) == pytest.approx(0.05, abs=1e-9)
-    assert math.isnan(apex(t, y, 0.39))
+    assert curve_height(t, y, 0.1) == pytest.approx(0.05, abs=1e-9)
+    # an apex before the motor stops is no jump height: the rod's height at the stop is, between two frames
+    assert curve_height(t, y, 0.2517) == pytest.approx(0.05 - 4.9 * 0.0494**2, abs=1e-9)
+    # nor is one that the film does not show
+    rising = t <= 0.15
+    assert curve_height(t[rising], y[rising], 0.1) == pytest.approx(y[rising][-1], abs=1e-12)
+    assert math.isnan(curve_height(t, y, 0.39))
 
 
 def test_p_values_of_the_null_are_not_too_small_anywhere():

@@ -238,7 +238,7 @@ def test_the_command_writes_a_file_a_figure_and_a_table(tmp_path, capsys):
     [
         (["hard", "--analysis", "comparison"], "go together"),
         (["hard", "--campaign", "X"], "go together"),
-        (["granular", "--analysis", "comparison", "--campaign", "X"], "of hard ground"),
+        (["granular", "--analysis", "map", "--campaign", "X"], "go together"),
         (["hard", "--analysis", "comparison", "--campaign", "X", "--frequency", "1:2:3"], "leave it out"),
         (["hard", "--analysis", "comparison", "--campaign", "X", "--experiment", "X"], "leave it out"),
         (["hard", "--analysis", "comparison", "--campaign", "nowhere"], "does not exist"),

@@ -22,9 +22,13 @@ from test_granular import SAND
 from jumpvision.base.schema import InputError
 from jumpvision.cli import main
 from jumpvision.jumper.mechanisms.registry import MECHANISMS, ModelParameters
+from jumpvision.jumper.physics.forcing import as_played, sinusoid
 from jumpvision.jumper.physics.model import Model
+from jumpvision.laboratory import recordings as logs
+from jumpvision.laboratory import write
 from jumpvision.laboratory.jumper import Motor, Robot, Samples, motion_of
-from jumpvision.thesis.studies.plan import rigid, samples
+from jumpvision.thesis.figures.plan import end_of
+from jumpvision.thesis.studies.plan import Planned, recorded_jump, rigid, samples
 
 casadi = pytest.importorskip("casadi", reason="planning needs CasADi: pip install 'jumpvision[plan]'")
 
@@ -385,6 +389,82 @@ def test_the_command_writes_its_files(tmp_path, capsys):
     assert "http" not in page and '"rod"' in page
     if checker := os.environ.get("JUMPVISION_CONTRACT_CHECK"):
         subprocess.run([sys.executable, checker, str(tmp_path)], check=True)
+
+
+def recorded_by_the_laboratory(folder, plan_csv, s_p):
+    """A jump of the laboratory that played a table of a plan on sand which answers a pause: its track and motor log."""
+    command = Samples(pd.read_csv(plan_csv).command_m.to_numpy(), 1000.0, 0.25)
+    m = CONE
+    values = {n: getattr(m.parameters, n) for t in m.terms for n in MECHANISMS[t].names} | {"s_p": s_p, "lam": 0.01}
+    robot = Robot(m.m_m, m.rod_mass, m.m_f, m.k_s, m.c_s, m.foot_radius, m.g)
+    motor = Motor(LOOP.kp, LOOP.kd, 100.0, 3.0)
+    motion = motion_of(robot, command, (*m.terms, "stop_go_overshoot"), values, ground="granular", dt=5e-6, every=20,
+                       duration=command.stop + 0.5, bed_density=570.0, motor=motor)  # fmt: skip
+    rng = np.random.default_rng(0)
+    folder.mkdir()
+    write.table(folder / "rod.csv", logs.rod_track(motion, rate=500.0, noise=5e-5, zero=0.02, rng=rng))
+    write.table(folder / "motor.csv", logs.motor_log(motion, rate=1000.0, force_noise=0.1, rng=rng))
+    known = {n: SAND[n] for n in ("motor_mass", "rod_mass", "foot_mass", "spring_stiffness", "spring_damping")}
+    tables = {"robot": known, "rod_track": {"file": "rod.csv"}, "motor_log": {"file": "motor.csv"}}
+    write.toml(folder / "experiment.toml", {"ground": "granular", **tables})
+    return motion.jump_height
+
+
+def test_the_jump_that_played_a_plan_stands_beside_it_with_its_overshoot(tmp_path, capsys):
+    """Thesis Fig 67: planned as if sand forgot the pause. The laboratory's jump is the truth; sigma is some 0.02 mm."""
+    (tmp_path / "forgets.toml").write_text(
+        '[model]\nterms = ["two_resistance", "depth_drag", "added_mass", "stop_go_overshoot"]\nk1 = 2100.0\n'
+        "k2 = 2100.0\ndelta = 0.01\nb = 17.2\nC = 2.7\nmu = 2.0\ntheta = 1.0471975512\ns_p = 0.0\nlam = 0.01\n"
+    )
+    call = ["plan", "--apex", "0.06", "--ground", "granular", "--motion", "stop-go", "--model",
+            str(tmp_path / "forgets.toml"), "--results", str(tmp_path / "plan")]  # fmt: skip
+    assert main([*call, "--no-pictures"]) == 0
+    performed = recorded_by_the_laboratory(tmp_path / "played", tmp_path / "plan" / "plan.csv", 1000.0)
+    assert main([*call, "--recorded", str(tmp_path / "played")]) == 0
+    told = json.loads((tmp_path / "plan" / "plan.json").read_text())
+    assert abs(told["recorded_apex_m"] - performed) < 3.0 * told["recorded_sigma_m"]
+    assert told["overshoot_m"] == pytest.approx(performed - 0.06, abs=2e-4)
+    assert 0.0155 < told["overshoot_m"] < 0.0175  # 76.4 mm: the foot stands, as on rigid ground
+    capsys.readouterr()
+    assert main([*call, "--recorded", str(tmp_path / "plan")]) == 2
+
+
+def test_a_recorded_jump_is_laid_on_the_clock_of_its_plan(tmp_path):
+    """The laboratory began to play at 0.25 s."""
+    command = sinusoid(6.0, 0.015, 1.5 * math.pi)
+    pd.DataFrame({"command_m": command(np.arange(0.0, command.stop, 1e-3))[0]}).to_csv(tmp_path / "plan.csv")
+    recorded_by_the_laboratory(tmp_path / "played", tmp_path / "plan.csv", 0.0)
+    seen = recorded_jump(tmp_path / "played")
+    m, _ = Planner(CONE, LOOP, LIMITS).resimulate(as_played(command))
+    found = seen.beside(command, lambda t: np.interp(t, m.t, m.motor - m.rod))
+    assert found.late == pytest.approx(0.25, abs=5e-4)
+
+
+def test_foot_that_stands_after_its_pause_gains_no_more_from_a_stronger_memory():
+    """Why stop-go saturates at 76.4 mm: from s_p 1000 N/m on the foot does not sink a second time."""
+
+    def sand(s_p):
+        more = dataclasses.replace(CONE.parameters, s_p=s_p, lam=0.01)
+        return dataclasses.replace(CONE, terms=(*CONE.terms, "stop_go_overshoot"), parameters=more)
+
+    planner = Planner(sand(0.0), LOOP, LIMITS, motion="stop-go")
+    plan = planner.plan(0.06)
+    heights, sinks = [], []
+    for s_p in (500.0, 1000.0, 5000.0, 20000.0):
+        m, apex = planner.resimulate(plan.command, sand(s_p))
+        until = float(m.events["time"][m.events["kind"] == "lift_off"][0])
+        heights.append(1e3 * apex)
+        sinks.append(int(np.sum((m.events["kind"] == "intrude") & (m.events["time"] < until))))
+    assert sinks == [2, 1, 1, 1]
+    assert heights[0] < 70.0 and heights[1:] == pytest.approx([76.44] * 3, abs=0.1)
+
+
+def test_a_picture_of_a_plan_ends_after_its_command():
+    plan = Planner(rigid(CONE), LOOP, LIMITS, motion="stick").plan(0.03)
+    planned = Planned(plan, None, None)
+    assert end_of(planned) == pytest.approx(plan.command.stop + 0.12, abs=1e-9)
+    single = Planner(CONE, LOOP, LIMITS).plan(0.03)
+    assert end_of(Planned(single, None, None)) >= single.command.stop + 0.12  # its apex comes after the command
 
 
 def test_an_experiment_and_a_model_file_give_the_robot(tmp_path, capsys):

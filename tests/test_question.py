@@ -117,7 +117,9 @@ def test_delayed_jumps_tell_that_the_bed_remembers_intrusions_confirm_it_and_a_p
 
 
 def test_the_sentence_says_what_a_named_mechanism_leaves():
-    tops = [Height(str(k), "single", 6.0, 0.0, None, 0.050 + d, 0.052, math.nan) for k, d in enumerate((-1e-4, 1e-4))]
+    tops = [
+        Height(str(k), "single", 6.0, 0.0, None, 0.050 + d, 2e-5, 0.052, math.nan) for k, d in enumerate((-1e-4, 1e-4))
+    ]
     left = Unexplained(("v_m*x_r",), {}, 0.9, "rod: |x_r| 0-9 mm")
     d = diagnosis(named=("coulomb_friction",), heights=tuple(tops), unexplained=left, status="partial",
                   left_over=LeftOver(1.9, 0.0035, 4.0))  # fmt: skip
@@ -130,7 +132,10 @@ def test_the_sentence_says_what_a_named_mechanism_leaves():
 
 
 def test_the_sentence_gives_no_zero_for_heights_that_agree():
-    tops = [Height(str(k), "single", 6.0, 0.0, None, 0.050 + d, 0.05001, math.nan) for k, d in enumerate((-1e-5, 1e-5))]
+    tops = [
+        Height(str(k), "single", 6.0, 0.0, None, 0.050 + d, 2e-5, 0.05001, math.nan)
+        for k, d in enumerate((-1e-5, 1e-5))
+    ]
     text = sentence(diagnosis(named=("coulomb_friction",), heights=tuple(tops), status="complete"))
     assert text.startswith(
         "The simulation meets the measured heights to 0.05 mm but not the tracks because it lacks dry"
@@ -155,7 +160,7 @@ def test_a_law_beside_named_mechanisms_is_said():
 @pytest.mark.parametrize("x", [math.nan, math.inf])
 @pytest.mark.parametrize("named", [(), ("payload",)])
 def test_a_number_that_is_not_known_reaches_no_sentence(x, named):
-    height = Height("a", "single", 6.0, 0.0, None, 0.05, x, x)
+    height = Height("a", "single", 6.0, 0.0, None, 0.05, 2e-5, x, x)
     gain = Gain(("a",), x, x, 1.0, 1.0, x, (0.0, x), False)
     near = None if named else Closest(("payload",), 0.5, {}, x, gain)
     told = {"named": named, "heights": (height,), "gain": gain, "closest": near, "left_over": LeftOver(x, x, x)}

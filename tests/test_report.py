@@ -152,7 +152,7 @@ def diagnosis_of(rows):
     heights = []
     for r in rows:
         height, simulated = r.summary.jump_height.value, r.summary.simulated_height
-        heights.append(Height(r.experiment, r.kind, 6.0, 0.0, None, height, simulated, height + 1e-4))
+        heights.append(Height(r.experiment, r.kind, 6.0, 0.0, None, height, 2e-5, simulated, height + 1e-4))
     sources = {"stated": None, "rest": NoiseSource(5e-5, 0.02, 950), "flight": None, "repeats": None}
     return diagnosis(
         sentence=SENTENCE,
@@ -300,7 +300,7 @@ def test_the_extended_model_is_drawn_against_the_apex_that_it_was_fitted_to():
     """The highest jump may come before the motor's stop, which the diagnosis does not count: 20 mm, later 18 mm."""
     jumped = Summary("", jump_height=Uncertain(0.020, 1e-5), simulated_height=0.025)
     rows = [JumpRow(str(k), kind="single", frequency=5.0 + k, summary=jumped) for k in range(2)]
-    tops = tuple(Height(str(k), "single", 5.0 + k, 0.0, None, 0.018, 0.025, 0.0181) for k in range(2))
+    tops = tuple(Height(str(k), "single", 5.0 + k, 0.0, None, 0.018, 2e-5, 0.025, 0.0181) for k in range(2))
     model, better = heights_chart(rows, diagnosis(heights=tops))["panels"][1]["series"]
     assert (model["x"], model["y"]) == ([25.0, 25.0], [20.0, 20.0])
     assert (better["x"], better["y"]) == ([18.1, 18.1], [18.0, 18.0])

@@ -416,7 +416,7 @@ def test_a_diagnosis_comes_back_from_its_file_as_it_was(asked, tmp_path):
     told = diagnosis(
         closest=Closest(("tilt",), 0.5, {"dg": parameter(0.1, 0.01, "m/s^2")}, 1e-3, gain),
         unexplained=Unexplained(("v",), {"v": Coefficient(1.0, 0.1, "N s/m")}, 0.9, "flight", (), {"v": 0.8}),
-        heights=(Height("a", "single", None, 0.0, None, 0.02, math.nan, math.nan),),
+        heights=(Height("a", "single", None, 0.0, None, 0.02, 2e-5, math.nan, math.nan),),
         indistinguishable=(("tilt", "payload"), ("payload", "tilt")),
         noise=replace(diagnosis().noise, tails=Tails(4.0), outliers=(Outlier("a", 0.1, 7.0),), sources={"rest": None}),
         without_films=WithoutFilms({"C": 2.7}, 900.0),

@@ -37,7 +37,7 @@ TERMS = record.Model(("inertial_drag",), {"alpha": 80.0})
 def whole(**parts: Any):
     """All that a diagnosis may say."""
     found = {"C": parameter(2.7, 0.2), "k": parameter(1.0, 0.1, "N/m")}
-    heights = tuple(record.Height(f"{k}-{i}", k, 7.0, 0.0, 0.57, 0.03, 0.04, 0.031)
+    heights = tuple(record.Height(f"{k}-{i}", k, 7.0, 0.0, 0.57, 0.03, 2e-5, 0.04, 0.031)
                     for k in ("single", "stutter") for i in range(3))  # fmt: skip
     given = {
         "heights": heights,

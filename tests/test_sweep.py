@@ -24,9 +24,10 @@ from jumpvision.cli import main
 from jumpvision.jumper.physics.batch import hard_points, resolve, simulated_points
 from jumpvision.jumper.physics.energy import powers
 from jumpvision.jumper.physics.forcing import Segments, delayed, sinusoid
-from jumpvision.jumper.physics.hard.analysis import crossing, half_cycle_rows
+from jumpvision.jumper.physics.hard.analysis import crossing, easiest_frequency, half_cycle_rows
 from jumpvision.jumper.physics.hard.hopper import apexes, cycles_in_a_row, distinct, ringing_rows, scattered
 from jumpvision.jumper.physics.hard.jump import HardRobot, hard_jump, hard_sweep, sine_rows
+from jumpvision.jumper.physics.hard.loop import LoopGains, easiest_looped, looped_amplitude
 from jumpvision.jumper.physics.model import Model
 from jumpvision.jumper.physics.oscillator import best_jump
 from jumpvision.jumper.physics.sand.jump import simulate
@@ -36,7 +37,7 @@ from jumpvision.thesis.studies.axes import AXES, read_axes
 from jumpvision.thesis.studies.compute import RESULTS, write
 from jumpvision.thesis.studies.setup import setup_of
 from jumpvision.thesis.studies.study import Call, run, studies
-from jumpvision.thesis.studies.thresholds import catapult
+from jumpvision.thesis.studies.thresholds import SEARCH, catapult
 
 THESIS = {
     "motor_mass": 1.003,
@@ -46,6 +47,7 @@ THESIS = {
     "gravity": 0.276 * 9.81,
     "landing_loss": 0.0,
 }
+THESIS_ROBOT = HardRobot(**THESIS)
 A = 4e-3
 F0 = math.sqrt(5760.6 / 1.178) / (2 * math.pi)
 HARD = setup_of("hard", None, {})
@@ -430,6 +432,55 @@ def test_resonance_is_approached_from_above_whatever_the_damping():
     assert (data.easiest_ratio_damped >= 1).all()
     off = (data.easiest_ratio_damped - data.inertial_peak_ratio).sel(damping_ratio=slice(0.0, 0.1))
     assert float(abs(off).max()) < 2e-3
+
+
+def by_small_steps(kp, kd, f, cycles, dt=2e-4):
+    """Highest x [m] of each lane (n,) within its cycles for A = 1 m, by Runge and Kutta of the two bodies."""
+    r = THESIS_ROBOT
+    w, m_r, m_m = 2.0 * np.pi * f, r.rod_mass, r.motor_mass
+
+    def rates(t, y):
+        x, v, motor, rate = y  # of the motor: X_m
+        asked = np.cos(w * t) - 1.0  # phase pi/2
+        force = kp * (asked - motor) + kd * (-w * np.sin(w * t) - rate)
+        a = (-force - r.stiffness * x - r.damping * v) / m_r
+        return np.array([v, a, rate, force / m_m - a])
+
+    y, most = np.zeros((4, f.size)), np.zeros(f.size)
+    for i in range(int(cycles / f.min() / dt)):
+        t = i * dt
+        a = rates(t, y)
+        b = rates(t + dt / 2, y + dt / 2 * a)
+        c = rates(t + dt / 2, y + dt / 2 * b)
+        d = rates(t + dt, y + dt * c)
+        y = y + dt / 6 * (a + 2 * b + 2 * c + d)
+        most = np.where(t + dt <= cycles / f, np.maximum(most, y[0]), most)
+    return most
+
+
+def test_the_stiffness_of_the_motors_loop_puts_the_easiest_frequency_below_the_natural_one():
+    """f_100 = 0.960, 0.980, 0.990 f_0 at kp 5e4, 1e5, 2e5 N/m (docs/hard_ground.md), by an integrator of its own."""
+    ratio = np.arange(0.94, 1.011, 0.005)
+    stiff = np.repeat([5e4, 1e5, 2e5], ratio.size)
+    most = by_small_steps(stiff, 120.0, np.tile(ratio, 3) * THESIS_ROBOT.f0, 100).reshape(3, -1)
+    for kp, curve, sheet in zip((5e4, 1e5, 2e5), most, (0.960, 0.980, 0.990)):
+        best = ratio[np.argmax(curve)]
+        assert best == pytest.approx(sheet, abs=0.003)  # half its step
+        loop = LoopGains(kp, 120.0)
+        f, least = easiest_looped(0.5 * np.pi, robot=THESIS_ROBOT, loop=loop, cycles=100.0, search=SEARCH)
+        assert f == pytest.approx(sheet, abs=2e-3)
+        sag = THESIS_ROBOT.mass * THESIS_ROBOT.gravity / THESIS_ROBOT.stiffness
+        every = looped_amplitude(ratio * THESIS_ROBOT.f0, 0.5 * np.pi, robot=THESIS_ROBOT, loop=loop, cycles=100.0)
+        np.testing.assert_allclose(every, sag / curve, rtol=2e-3)  # 450 steps a cycle: the top is missed by 2.5e-5
+        assert least <= every.min() * (1 + 1e-6)
+
+
+def test_a_stiff_loop_is_a_motor_that_is_where_the_law_says():
+    for cycles in (1.0, 5.0):
+        given = {"robot": THESIS_ROBOT, "cycles": cycles, "search": SEARCH}
+        held = easiest_looped(1.5 * np.pi, loop=LoopGains(1e9, 3e4), **given)
+        stiff = easiest_frequency(1.5 * np.pi, largest=2e-3, resolution=2e-11, **given)
+        assert held == pytest.approx(stiff, rel=1e-3)
 
 
 @pytest.mark.long

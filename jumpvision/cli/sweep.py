@@ -63,6 +63,7 @@ class SweepOptions:
             "to an example (docs/granular.md)."
         ),
     ] = None
+    over: Annotated[str, option("Axis along which a comparison is drawn, e.g. phi; default: what varies most.")] = ""
     table: Annotated[Path | None, option("A CSV of your own, drawn beside the analysis: animals.")] = None
     results: Annotated[
         Path | None, option("Folder for the files; default: results/sweep, or results/NAME beside the campaign.")
@@ -112,6 +113,7 @@ def sweep(ground: str, /, *, axes: SweepAxes = SweepAxes(), options: SweepOption
         model=o.model,
         laws=o.laws,
         table=o.table,
+        over=o.over,
         results=results,
         overrides=overrides_of(o.settings),
         workers=o.workers or cores(),
@@ -226,6 +228,7 @@ def plan(
     clear: str = "",
     experiment: Path | None = None,
     model: Path | None = None,
+    recorded: Path | None = None,
     objective: str = "effort",
     motion: str = "single",
     limits: PlanLimits = PlanLimits(),
@@ -249,6 +252,8 @@ def plan(
         An experiment.toml, or its folder, that gives robot, motor and model; default: the thesis' robot.
     model
         A TOML file whose [model] replaces the model, e.g. model.toml of a diagnosis.
+    recorded
+        Folder of an experiment that played the plan: drawn beside it, with its overshoot.
     objective
         What is least: effort (motor force squared over time), power (its peak) or energy.
     motion
@@ -258,7 +263,16 @@ def plan(
     from dataclasses import asdict
 
     from jumpvision.experiment.inputs.overrides import overrides_of
-    from jumpvision.thesis.studies.plan import check_call, make_plan, message, obstacle_of, planned_robot, seeded, write
+    from jumpvision.thesis.studies.plan import (
+        check_call,
+        make_plan,
+        message,
+        obstacle_of,
+        planned_robot,
+        recorded_jump,
+        seeded,
+        write,
+    )
 
     from . import terminal as show
 
@@ -268,7 +282,15 @@ def plan(
     robot = planned_robot(ground, experiment, model, {n: t for n, t in overrides_of(output.settings).items() if t})
     show.line(f"planning for {robot.name} ...")
     planned = make_plan(
-        robot, apex, objective=objective, motion=motion, limits=given, say=show.line, rng=seeded(), over=over
+        robot,
+        apex,
+        objective=objective,
+        motion=motion,
+        limits=given,
+        say=show.line,
+        rng=seeded(),
+        over=over,
+        recorded=recorded_jump(recorded) if recorded else None,
     )
     results, numbers = output.results, asdict(planned.numbers)
     files = write(planned, results)

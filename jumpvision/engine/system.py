@@ -124,7 +124,8 @@ class Observation:
     noise, where repeated trials scatter by more than it. labels: anything to report by (kind, frequency, ...).
     parts: (n,) name of the part of the motion each sample belongs to (for "where"). blocks: where several instruments
     read the motion, their readings one after the other; () is one of the common noise, its zero unknown.
-    circumstances: when, by whom and with what it was recorded.
+    circumstances: when, by whom and with what it was recorded. measured: its height as its track was measured, with the
+    standard uncertainty [unit of y]; None where it has none.
     """
 
     name: str
@@ -137,6 +138,7 @@ class Observation:
     parts: NDArray[np.str_] | None = None
     blocks: tuple[Block, ...] = ()
     circumstances: Circumstances = field(default_factory=Circumstances)
+    measured: tuple[float, float] | None = None
 
     @property
     def independent(self) -> int:

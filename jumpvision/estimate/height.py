@@ -99,6 +99,24 @@ def jump_height(
     )
 
 
+def curve_height(t: Array, h: Array, after: float) -> float:
+    """`jump_height` of a model's curve, which has no noise: greatest height from the motor's stop on [unit of h].
+
+    t (n,) [s] increasing, h (n,); after [s]: when the motor stops. The greatest value of the cubic spline through the
+    samples since, carried back to the stop over less than one sample; beyond the last sample nothing is foretold. NaN
+    where fewer than four samples are left.
+    """
+    late = t >= after
+    t, h = t[late], h[late]
+    if t.size < 4 or not np.isfinite(h).all():
+        return NAN
+    spline = scipy.interpolate.CubicSpline(t, h)
+    turns = spline.derivative().roots(extrapolate=False)
+    begin = max(after, 2.0 * t[0] - t[1])  # a film that begins later tells nothing of the stop
+    at = np.concatenate([[begin], t, turns[np.isfinite(turns)]])
+    return float(np.max(spline(at)))
+
+
 def _greatest(
     t: Array, h: Array, sigma: Array, frequency: float | None, begin: float, end: float
 ) -> tuple[float, float, float, int, float] | None:

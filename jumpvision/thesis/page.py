@@ -12,12 +12,24 @@ from jumpvision import __version__
 from jumpvision.base.arrays import Array
 from jumpvision.base.storage import write_aside
 from jumpvision.experiment import files
-from jumpvision.report.pages.charts import Axis, AxisLook, Chart, Panel, Series, axis, chart, numbers, panel, series
+from jumpvision.experiment.results.fields import attributes_of
+from jumpvision.report.pages.charts import (
+    Axis,
+    AxisLook,
+    Chart,
+    Panel,
+    Series,
+    axis,
+    chart,
+    numbers,
+    panel,
+    series,
+)
 from jumpvision.report.pages.page import static, template
 from jumpvision.report.pages.words import drawing
 from jumpvision.thesis.figures.sweeps import SHOWN, read_sweep, sweep_figure
 from jumpvision.thesis.studies.axes import AXES
-from jumpvision.thesis.studies.comparison import compare
+from jumpvision.thesis.studies.comparison import Drawn, compare
 from jumpvision.thesis.studies.compute import origin_of
 from jumpvision.thesis.studies.motions import grid
 
@@ -128,18 +140,39 @@ def axis_of(name: str, **look: Unpack[AxisLook]) -> Axis:
     return axis(AXES[name].label, AXES[name].shown, **look)
 
 
+ROLES = ("measured", "model", "fit", "ink")
+
+
 def comparison(data: xr.Dataset) -> Chart:
-    """Measured and simulated heights of every condition along what varies, and the significance of the difference."""
-    varies = [n for n in ("frequency", "phase", "amplitude", "delay") if np.unique(data[n]).size > 1]
-    name = (varies or ["frequency"])[0]
-    x = data[name].values * AXES[name].factor
-    along = axis_of(name)
-    shown = [
-        series("simulated", "model", x, data.simulated_height_m * 1e3, data.model_sigma_m * 1e3, hollow=True, size=5),
-        series("measured", "measured", x, data.measured_height_m * 1e3, data.measured_sigma_m * 1e3),
-    ]
+    """Measured and simulated heights of every condition along an axis, each model's curve, and what is left."""
+    over = attributes_of(Drawn, data).over
+    heights: list[Series] = []
+    residuals: list[Series] = []
+    for k, name in enumerate(data.series_name.values.tolist()):
+        one = data.isel(condition=data.condition_series.values == k).sortby(over)
+        role, x = ROLES[k % len(ROLES)], one[over].values * AXES[over].factor
+        said = [point(one.isel(condition=i)) for i in range(one.sizes["condition"])]
+        for m, model in enumerate(data.model_name.values.tolist()):
+            at = data.curve_at[k].values * AXES[over].factor
+            curve = series(f"{name}: {model}", role, at, 1e3 * data.curve_m[k, m], kind="line", dash=m > 0)
+            own = 1e3 * one.model_height_m[m]
+            heights += [curve, series(f"{name}: {model}, own motor", role, x, own, hollow=True, size=6 - m, label=said)]
+            left = 1e3 * (one.measured_height_m - one.model_height_m[m])
+            sigma = 1e3 * np.hypot(one.measured_sigma_m, one.model_sigma_m)
+            residuals.append(series(f"{name}: less {model}", role, x, left, sigma, hollow=m > 0, label=said))
+        height, sigma = 1e3 * one.measured_height_m, 1e3 * one.measured_sigma_m
+        heights.append(series(f"{name}: measured", role, x, height, sigma, label=said))
     panels = [
-        panel("jump height", along, axis("height", "mm", zero=True), shown, share=1.4),
-        panel("difference / its uncertainty", along, axis("z"), [series("z", "measured", x, data.z)], rules=[{"y": 0}]),
+        panel("jump height", axis_of(over), axis("height", "mm", zero=True), heights, height=320),
+        panel("measured − simulated", axis_of(over), axis("difference", "mm"), residuals, rules=[{"y": 0}]),
     ]
-    return chart("Measured against simulated", panels, "Bars are ±2σ.")
+    return chart("Measured against simulated", panels, "Bars are ±2σ.", stacked=True)
+
+
+def point(one: xr.Dataset) -> str:
+    """What a measured point is, in words."""
+    height, sigma = 1e3 * float(one.measured_height_m), 1e3 * float(one.measured_sigma_m)
+    text = f"{one.group.item() or 'one condition'}: {height:.4g} ± {sigma:.2g} mm of {int(one.trials)}"
+    text += f", simulated {1e3 * float(one.simulated_height_m):.4g} mm, z {float(one.z):+.1f}"
+    spread = 1e3 * float(one.trial_spread_m)
+    return text + (f", trials scatter by {spread:.2g} mm" if np.isfinite(spread) else "")

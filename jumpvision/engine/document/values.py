@@ -103,7 +103,10 @@ class Cell:
 
 @dataclass(frozen=True)
 class Height:
-    """Height of one jump [m], after the motor's stop: measured, by the baseline, by the extended model."""
+    """Height of one jump [m], from the motor's stop on: as measured, by the baseline, by the extended model.
+
+    measured_m, sigma_m: those of `jumps.csv`; NaN where it has none.
+    """
 
     experiment: str
     kind: str
@@ -111,6 +114,7 @@ class Height:
     delay: float | None
     volume_fraction: float | None
     measured_m: float
+    sigma_m: float
     simulated_m: float
     extended_m: float
 

@@ -16,7 +16,7 @@ from jumpvision.base.arrays import Array
 from jumpvision.engine.detect import detect, directions
 from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.search import Search, log_prior
-from jumpvision.engine.system import Part
+from jumpvision.engine.system import Observation, Part
 
 if TYPE_CHECKING:
     from jumpvision.engine.naming import Explanation
@@ -49,20 +49,6 @@ class Gain:
         return self.ratio_ci95[0] > 1.0
 
 
-def apex(t: Array, y: Array, after: float, half: int = 5) -> float:
-    """Greatest height after a time [unit of y]: the vertex of a parabola through the samples about the largest."""
-    late = np.flatnonzero(t >= after)
-    if late.size < 3:
-        return math.nan
-    top = late[int(np.argmax(y[late]))]
-    near = slice(max(top - half, late[0]), min(top + half + 1, y.size))
-    if t[near].size < 4:
-        return float(y[top])
-    a, b, c = np.polyfit(t[near] - t[top], y[near], 2)
-    at = -b / (2 * a) if a < 0 else 0.0
-    return float(c + b * at + a * at * at) if abs(at) <= (t[near][-1] - t[near][0]) else float(y[top])
-
-
 Begin = Callable[[Problem, np.random.Generator], Fit]  # the baseline, from its own values
 Choose = Callable[[Problem, Fit, np.random.Generator], Fit]
 
@@ -78,7 +64,7 @@ def gain(
     """Gain over all conditions, a block of them held out at a time; None when there is but one condition.
 
     Without the held-out ones everything is done anew: the baseline fitted from its own values, mechanisms searched for
-    (one route), the likeliest set taken. stops: (observations,) time after which an apex counts [s]. order: labels by
+    (one route), the likeliest set taken. stops: (observations,) time from which a height counts [s]. order: labels by
     which conditions are neighbours; neighbours are held out together. choose: in place of the search.
     """
     observations = problem.system.observations
@@ -197,7 +183,9 @@ def _score(
     return _summed(problem, rows, ())
 
 
-Row = tuple[float, float, int, float, float]  # of an observation: sums of squares of both models, samples, apexes
+Row = tuple[
+    float, float, int, float, float
+]  # of an observation: sums of squares of two models, samples, theirs of heights
 
 
 def _errors(problem: Problem, before: Fit, after: Fit, held: Sequence[int], stops: Sequence[float]) -> dict[int, Row]:
@@ -207,9 +195,18 @@ def _errors(problem: Problem, before: Fit, after: Fit, held: Sequence[int], stop
     for k, i in enumerate(held):
         o = problem.system.observations[i]
         r = [o.y - p[k] for p in predicted]
-        tops = [apex(o.t, p[k], stops[i]) - apex(o.t, o.y, stops[i]) for p in predicted]
-        rows[i] = (float(r[0] @ r[0]), float(r[1] @ r[1]), o.t.size, tops[0] ** 2, tops[1] ** 2)
+        off = [_off_height(o, p[k], stops[i]) for p in predicted]
+        rows[i] = (float(r[0] @ r[0]), float(r[1] @ r[1]), o.t.size, off[0] ** 2, off[1] ** 2)
     return rows
+
+
+def _off_height(o: Observation, y: Array, stop: float) -> float:
+    """A model's height, of its curve y (n,), minus the measured one; NaN where none was measured."""
+    if o.measured is None:
+        return math.nan
+    from jumpvision.estimate.height import curve_height
+
+    return curve_height(o.t, y, stop) - o.measured[0]
 
 
 def _summed(problem: Problem, rows: Mapping[int, Row], selection: tuple[tuple[tuple[str, ...], int], ...]) -> Gain:
@@ -221,7 +218,8 @@ def _summed(problem: Problem, rows: Mapping[int, Row], selection: tuple[tuple[tu
     table = np.array(list(rows.values()))
     n = table[:, 2].sum()
     track = [math.sqrt(table[:, k].sum() / n) for k in (0, 1)]
-    height = [float(np.sqrt(np.nanmean(table[:, k]))) for k in (3, 4)]
+    known = table[np.isfinite(table[:, 3:]).all(axis=1), 3:]
+    height = np.sqrt(known.mean(axis=0)).tolist() if known.size else [math.nan, math.nan]
     names = tuple(observations[i].name for i in sorted(rows))
     ratio = track[0] / track[1]
     return Gain(names, height[0], height[1], track[0], track[1], ratio, ratio_interval(sums), selection)

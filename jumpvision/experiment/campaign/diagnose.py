@@ -46,7 +46,7 @@ from .mend import written
 from .model_file import model_files
 
 SEED = 1  # of the simulated noise: the same data give the same answer
-VERSION = 14  # of the method: another one asks again
+VERSION = 15  # of the method: another one asks again
 STAGE = "diagnose"
 
 Say = Callable[[str], None]
@@ -78,7 +78,9 @@ class Question(NamedTuple):
             said = (j.name, j.model, j.stop, j.group, j.condition, j.law, sorted(j.labels.items()))
             arrays = (j.t, j.y, j.sigma, j.shared.lens)
             digest.update(repr(said).encode() + b"".join(b"-" if a is None else a.tobytes() for a in arrays))
-            digest.update(content(j.forcing) + repr((replace(j.shared, lens=None), j.circumstances)).encode())
+            digest.update(
+                content(j.forcing) + repr((replace(j.shared, lens=None), j.circumstances, j.measured)).encode()
+            )
         return digest.hexdigest()
 
 

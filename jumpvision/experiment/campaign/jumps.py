@@ -15,12 +15,13 @@ from jumpvision.engine.priors import Measured
 from jumpvision.experiment.inputs.experiment import Campaign, Experiment
 from jumpvision.experiment.inputs.model import ModelSpec
 from jumpvision.experiment.inputs.parameters import SimulateParams
-from jumpvision.experiment.inputs.sections import Actuation, Bed, Motor, MotorLog, Robot, RodTrack, RodVideo
+from jumpvision.experiment.inputs.sections import Actuation, Bed, Clock, Motor, MotorLog, Robot, RodTrack, RodVideo
 from jumpvision.experiment.results.tables import RodMotion, Simulation
 from jumpvision.experiment.results.values import BedHeight, Fits
 from jumpvision.experiment.stages.bed.height import packing
+from jumpvision.experiment.stages.fit import height_fits
 from jumpvision.experiment.stages.recordings import shared_of
-from jumpvision.experiment.stages.rod import total_mass
+from jumpvision.experiment.stages.rod import motor_runs, total_mass
 from jumpvision.experiment.stages.simulate import build_model, driver
 from jumpvision.experiment.workflow.run import Outcome
 from jumpvision.experiment.workflow.stage import StageWarning
@@ -131,6 +132,10 @@ def _jump(e: Experiment, outcome: Outcome) -> tuple[Jump, list[Told]]:
             log, e.section(Actuation), e.section(Motor), p or SimulateParams(), sand=e.ground == "granular"
         )
     rod = RodMotion.load(outcome.results)
+    # by the stage's own function: a jump whose grain film is still being matched has no fits.json yet
+    height = height_fits(rod, e.section(Robot), motor_runs(e.section(Actuation), log), e.section(Clock)).get(
+        "jump_height_m"
+    )
     t, y, sigma = rod.arrays
     phi = packing(section, bed)[0]
     labels = {
@@ -158,6 +163,7 @@ def _jump(e: Experiment, outcome: Outcome) -> tuple[Jump, list[Told]]:
         labels=labels,
         sigma=sigma if states_noise(e) else None,
         shared=common_errors(e, rod),
+        measured=(height.value, height.sigma) if height and height.known else None,
     )
     return jump, told_in(caught)
 

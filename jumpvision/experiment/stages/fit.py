@@ -47,7 +47,7 @@ from jumpvision.jumper.physics.oscillator import foot_frequency, foot_ripple, li
 
 from .crosschecks import motion_of
 from .recordings import scaled, timed
-from .rod import commanded, hanging_foot, needs_of_law, read_motor, total_mass
+from .rod import commanded, hanging_foot, motor_runs, needs_of_law, read_motor, total_mass
 
 NAN = math.nan
 
@@ -78,7 +78,7 @@ def needs_of_fit(experiment: Experiment, law: Actuation | None) -> list[str]:
     return needs_of_law(law) if MOVING & experiment.sections.keys() else []
 
 
-@stage(version=16, any_of=("rod", "contact", "column", "flow", "intrusion", "spring", "log"), needs=needs_of_fit)
+@stage(version=17, any_of=("rod", "contact", "column", "flow", "intrusion", "spring", "log"), needs=needs_of_fit)
 def fit(experiment: Experiment, given: Recordings, *, p: FitParams) -> Fits:
     """Ring-down, flights, spring, column profile, jammed front, actuator: every fit with its uncertainty.
 
@@ -98,7 +98,7 @@ def fit(experiment: Experiment, given: Recordings, *, p: FitParams) -> Fits:
             if len(jumps) > 1 and experiment.ground == "hard":
                 out["restitution"] = restitution(jumps, after=law.stop if law and law.moves else -math.inf)
     if rod is not None:
-        out |= height_fits(rod, robot, law, clock)
+        out |= height_fits(rod, robot, motor_runs(law, log), clock)
         out |= ring_fits(rod, flights, robot, law, p, clock)
     if log is not None and law is not None and law.moves:
         out |= actuator_fits(log, law)
@@ -234,21 +234,27 @@ def flight_fits(
     return out
 
 
-def height_fits(rod: RodMotion, robot: Robot | None, law: Actuation | None, clock: Clock | None) -> dict[str, Estimate]:
-    """Jump height after the motor stops, and the rise while it runs, above the rest height."""
-    if law is None or not law.moves:
+def height_fits(
+    rod: RodMotion, robot: Robot | None, runs: tuple[float, float] | None, clock: Clock | None
+) -> dict[str, Estimate]:
+    """Jump height after the motor stops, and the rise while it runs, above the rest height.
+
+    runs: when the motor starts and stops [s], as `motor_runs` tells; None: not known, and there is no height.
+    """
+    if runs is None:
         return {}
+    begin, stop = runs
     t, h, sigma = rod.arrays
-    rest = rest_height(t, h, sigma, until=law.start)
+    rest = rest_height(t, h, sigma, until=begin)
     if not math.isfinite(rest.value):  # the track starts in motion: its first point is the best there is
         rest = Estimate(float(h[0]), float(sigma[0]), "m", 1, 0.0)
     foot = hanging_foot(robot)
     swing = foot_frequency(*foot[:3]) if foot else None
-    found = jump_height(t, h, sigma, motor_stop=law.stop, rest=rest, foot_frequency=swing)
+    found = jump_height(t, h, sigma, motor_stop=stop, rest=rest, foot_frequency=swing)
     height = Estimate(found.value, found.sigma, "m", found.n, found.chi2, found.reason)
     rise = Estimate(found.motor_rise, found.motor_rise_sigma, "m", found.n, NAN)
     apex = Estimate(found.time, NAN, "s", found.n, found.chi2, found.reason)
-    running = np.where(t <= law.stop, h, -np.inf)
+    running = np.where(t <= stop, h, -np.inf)
     return {
         "jump_height_m": seen_by_lens(scaled(height, rod.scale_share), rod.lens, t, found.time),
         "apex_time_s": timed(apex, clock, float(t[0])),

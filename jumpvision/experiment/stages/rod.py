@@ -14,10 +14,19 @@ from jumpvision.estimate.estimate import independent
 from jumpvision.estimate.height import at_rest
 from jumpvision.estimate.mean import difference_noise
 from jumpvision.experiment.inputs.logs import read_log
-from jumpvision.experiment.inputs.sections import Actuation, MotorLog, NotApplicable, Robot, RodTrack, lacking, need
+from jumpvision.experiment.inputs.parameters import SimulateParams
+from jumpvision.experiment.inputs.sections import (
+    Actuation,
+    MotorLog,
+    NotApplicable,
+    Robot,
+    RodTrack,
+    lacking,
+    need,
+)
 from jumpvision.experiment.results.tables import RodMotion, Track
 from jumpvision.experiment.workflow.stage import stage
-from jumpvision.jumper.physics.forcing import Forcing, delayed, sinusoid
+from jumpvision.jumper.physics.forcing import Forcing, delayed, first_motion, sinusoid
 
 from .recordings import with_common
 from .track import with_rest_zero
@@ -89,6 +98,25 @@ def read_motor(log: MotorLog, law: Actuation | None) -> tuple[Array, Array]:
     time, position = d.time_s.to_numpy(), d.position_m.to_numpy()
     before = at_rest(time, law.start) if law else np.arange(time.size) < 5
     return time, position - (np.median(position[before]) if before.any() else position[0])
+
+
+def motor_runs(law: Actuation | None, log: MotorLog | None) -> tuple[float, float] | None:
+    """When the motor starts and stops [s], by its law or else by its log; None where neither tells it."""
+    if law is not None and law.moves:
+        return law.start, law.stop
+    if log is None or (law is not None and law.kind == "none"):
+        return None
+    (time, position), step = read_motor(log, law), SimulateParams().encoder_step
+    return float(time[first_motion(position, step / math.sqrt(12.0))]), last_motion(time, position, step)
+
+
+def last_motion(time: Array, position: Array, step: float) -> float:
+    """When the motor comes to rest [s]: after it the log stays near its end, but for its loop's give."""
+    end = np.median(position[time >= time[-1] - 0.1]) if time[-1] - time[0] > 0.2 else np.median(position[-5:])
+    # a landing shakes a motor that its feedback loop holds by some 2 % of its travel
+    near = max(2 * step, 0.02 * float(np.ptp(position)))
+    moving = np.flatnonzero(np.abs(position - end) > near)
+    return float(time[min(moving[-1] + 1, time.size - 1)]) if moving.size else float(time[0])
 
 
 def position_at(t: Array, law: Actuation | None, log: MotorLog | None) -> Array | None:

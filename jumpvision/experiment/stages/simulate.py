@@ -29,7 +29,7 @@ from jumpvision.jumper.physics.model import Model
 from jumpvision.jumper.physics.sand.jump import beyond_seen
 from jumpvision.jumper.physics.sand.jump import simulate as integrate
 
-from .rod import commanded, needs_of_law, read_motor
+from .rod import commanded, last_motion, needs_of_law, read_motor
 
 TICK = 1e-3  # s, spacing of the output where no track gives the times
 AROUND = np.linspace(-1.0, 10.0, 12)  # s, of a recording, where a clock's error is looked for
@@ -161,7 +161,7 @@ def driver(
         said = f"the motor log leaves the commanded law by up to {off * 1e3:.3f} mm: the log drives the model"
         warnings.warn(StageWarning("differs", said, "motor_log", {"apart_m": off}), stacklevel=2)
     spline = (from_motion if sand else from_log)(time, position, p.encoder_step / np.sqrt(12.0))
-    return spline, known.stop if known is not None else last_motion(time, position, p)
+    return spline, known.stop if known is not None else last_motion(time, position, p.encoder_step)
 
 
 def feedback(command: Forcing, law: Actuation, motor: Motor) -> Loop:
@@ -201,15 +201,6 @@ def of_arrays(tables: Any, time_s: ArrayLike | None = None, motor_m: Any = None)
 
 
 FEWEST = 8  # samples of a motor's motion
-
-
-def last_motion(time: np.ndarray, position: np.ndarray, p: SimulateParams) -> float:
-    """When the motor comes to rest [s]: after it the log stays near its end, but for its loop's give."""
-    end = np.median(position[time >= time[-1] - 0.1]) if time[-1] - time[0] > 0.2 else np.median(position[-5:])
-    # a landing shakes a motor that its feedback loop holds by some 2 % of its travel
-    near = max(2 * p.encoder_step, 0.02 * float(np.ptp(position)))
-    moving = np.flatnonzero(np.abs(position - end) > near)
-    return float(time[min(moving[-1] + 1, time.size - 1)]) if moving.size else float(time[0])
 
 
 def output_times(forcing: Forcing | Loop, stop: float, rod: RodMotion | None, *, lead: float) -> np.ndarray:

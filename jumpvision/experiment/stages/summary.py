@@ -6,24 +6,26 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 
-import numpy as np
-
 from jumpvision.estimate.estimate import finite
+from jumpvision.estimate.height import curve_height
 from jumpvision.experiment.inputs.experiment import Experiment
-from jumpvision.experiment.inputs.sections import Actuation, Bed
+from jumpvision.experiment.inputs.sections import Actuation, Bed, MotorLog
 from jumpvision.experiment.results.summary import Summary, Uncertain
 from jumpvision.experiment.results.tables import Simulation
 from jumpvision.experiment.results.values import BedHeight, Fits
 from jumpvision.experiment.stages.bed.height import contradicted, packing, packing_common
 from jumpvision.experiment.workflow.stage import Said, StageWarning, stage
 
+from .rod import motor_runs
+
 FAR = 5.0  # factor between measured and simulated height that no model's error makes
 
 
-@stage(version=5, any_of=("fits", "bed"))
+@stage(version=6, any_of=("fits", "bed"))
 def summary(
     experiment: Experiment,
     law: Actuation | None,
+    log: MotorLog | None,
     fits: Fits | None,
     simulation: Simulation | None,
     bed: BedHeight | None,
@@ -59,7 +61,7 @@ def summary(
         zeta=fitted("zeta"),
         motor_rise=fitted("motor_rise_m"),
         spring_stiffness=fitted("spring_stiffness"),
-        simulated_height=simulated_height(simulation, law) if simulation else None,
+        simulated_height=simulated_height(simulation, law, log) if simulation else None,
     )
     own = [*packed_otherwise(section, bed), *other_height(found)]
     for doubt in own:
@@ -86,14 +88,10 @@ def other_height(found: Summary) -> Iterator[StageWarning]:
         )
 
 
-def simulated_height(simulation: Simulation, law: Actuation | None) -> float | None:
-    """Greatest simulated rod height after the motor stops minus rest [m]; None where it is not known when it stops."""
+def simulated_height(simulation: Simulation, law: Actuation | None, log: MotorLog | None) -> float | None:
+    """Greatest simulated rod height from the motor's stop on minus rest [m]; None where the stop is not known."""
+    if (runs := motor_runs(law, log)) is None:
+        return None
     s = simulation.table
-    time, rod, relative = s.time_s.to_numpy(), s.rod_m.to_numpy(), (s.motor_m - s.rod_m).to_numpy()
-    if law and law.moves:
-        stop = law.stop
-    else:
-        moving = np.flatnonzero(np.abs(relative - relative[-1]) > 1e-4)
-        stop = time[moving[-1]] if moving.size else time[0]
-    after = time >= stop
-    return float(rod[after].max() - rod[0]) if after.any() else None
+    rod = s.rod_m.to_numpy()
+    return finite(curve_height(s.time_s.to_numpy(), rod - rod[0], runs[1]))

@@ -71,7 +71,9 @@ def fit_mass_curve(z: ArrayLike, mass: ArrayLike, sigma: ArrayLike, *, R: float)
         if fit is not None and (best is None or fit[2] < best[2]):
             best = fit
     if best is None:
-        return MassCurve(NAN, NAN, none, z.size, NAN, "all depths are equal, or the cone could not be fitted")
+        equal = np.ptp(z) <= 1e-9 * float(z.max())
+        why = f"all depths are {1e3 * z[0]:.3g} mm; a curve needs others" if equal else "no cone fits the added masses"
+        return MassCurve(NAN, NAN, none, z.size, NAN, why)
     (slope, narrowing), cov, chi2 = best
     return MassCurve(float(slope), float(narrowing), cov * scatter_factor(chi2, z.size - 2) ** 2, z.size, chi2)
 

@@ -207,11 +207,16 @@ def from_motion(time: ArrayLike, position: ArrayLike, sigma: float) -> Spline:
     there as after a pause.
     """
     t, x = np.asarray(time, float), np.asarray(position, float)
-    away = np.abs(x - x[0])
+    begin = min(first_motion(x, sigma), t.size - 4)  # a cubic needs four
+    return from_log(t[begin:], x[begin:], sigma)
+
+
+def first_motion(position: Array, sigma: float) -> int:
+    """The last reading at rest before a motor first moves. position (n,) [m] with its standard uncertainty sigma."""
+    away = np.abs(position - position[0])
     # 5 sigma from the first reading it has moved, by 2 not yet (an encoder of step q: 1.4, 0.6 q)
     still = np.flatnonzero(away[: int(np.argmax(away > 5.0 * sigma))] <= 2.0 * sigma)
-    begin = min(int(still[-1]) if still.size else 0, t.size - 4)  # a cubic needs four
-    return from_log(t[begin:], x[begin:], sigma)
+    return int(still[-1]) if still.size else 0
 
 
 RATE = 1000.0  # 1/s: samples of a command that a controller plays, straight lines between them

@@ -41,7 +41,8 @@ class Jump:
 
     stop: when the motor stops [s]. labels: kind, frequency, phi, ... to report by. law: the command is what drives.
     sigma: (n,) noise that the track itself states [m], if any. shared: what it has in common with others of its
-    apparatus. circumstances: when, by whom and with what it was recorded.
+    apparatus. circumstances: when, by whom and with what it was recorded. measured: its jump height [m] with sigma, as
+    its track was measured (`jumpvision.estimate.height.jump_height`); None where it was not.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Jump:
     sigma: Array | None = None
     shared: Shared = field(default_factory=Shared)
     circumstances: Circumstances = field(default_factory=Circumstances)
+    measured: tuple[float, float] | None = None
 
 
 def coarseness(jumps: Sequence[Jump]) -> float:
@@ -88,6 +90,7 @@ def observation(jump: Jump, motion: Motion, coarse: float) -> Observation:
         labels=dict(jump.labels),
         parts=parts,
         circumstances=jump.circumstances,
+        measured=jump.measured,
     )
 
 

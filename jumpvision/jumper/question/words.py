@@ -20,7 +20,7 @@ from jumpvision.engine.document.words import Words
 from jumpvision.engine.fitting import Fit
 from jumpvision.engine.order import Findings
 from jumpvision.engine.system import Indexed
-from jumpvision.engine.worth.gain import apex
+from jumpvision.estimate.height import curve_height
 from jumpvision.jumper.mechanisms.own import bare
 from jumpvision.jumper.mechanisms.registry import MECHANISMS
 from jumpvision.jumper.physics.model import ROBOT, Model
@@ -145,8 +145,9 @@ def heights_of(d: Findings, system: Jumper) -> tuple[record.Height, ...]:
     out = []
     for jump, o, y, z in zip(system.jumps, system.observations, before, after):
         frequency, delay, phi = (o.labels.get(k) for k in ("frequency", "delay", "volume_fraction"))
-        tops = [math.nan if x is None else apex(o.t, x, jump.stop) for x in (o.y, y, z)]
-        out.append(record.Height(o.name, str(o.labels.get("kind")), frequency, delay, phi, *tops))
+        measured = o.measured or (math.nan, math.nan)
+        models = [math.nan if x is None else curve_height(o.t, x, jump.stop) for x in (y, z)]
+        out.append(record.Height(o.name, str(o.labels.get("kind")), frequency, delay, phi, *measured, *models))
     return tuple(out)
 
 
@@ -226,7 +227,9 @@ def _misses(d: Diagnosis) -> str:
         by_kind.setdefault(h.kind, []).append(h.simulated_m - h.measured_m)
     means = {k: np.array(v)[np.isfinite(v)] for k, v in by_kind.items()}
     kind, off = max(means.items(), key=lambda x: abs(x[1].mean()) if x[1].size else 0.0, default=("", np.zeros(0)))
-    if not off.size or abs(mean := float(off.mean())) < HEIGHTS_AGREE:
+    if not off.size:
+        return "The simulation misses the measured tracks"
+    if abs(mean := float(off.mean())) < HEIGHTS_AGREE:
         return f"The simulation meets the measured heights to {1e3 * HEIGHTS_AGREE:g} mm but not the tracks"
     error = f" ± {said(float(off.std() / math.sqrt(off.size)), '.1f', 1e3)}" if off.size > 1 else ""
     over = "over-predicts" if mean > 0 else "under-predicts"

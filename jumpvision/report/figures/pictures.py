@@ -173,9 +173,9 @@ def tracks(jumps: Sequence[Tracked], Figure: NewFigure) -> Figure:
     return figure
 
 
-@stage(version=3, picture=True)
+@stage(version=4, picture=True)
 def jump_picture(rod: RodMotion, simulation: Simulation | None, actuation: Actuation | None) -> JumpPicture:
-    """Measured and simulated height of the rod, and what the model leaves over."""
+    """Measured and simulated height of the rod, the simulated foot, and what the model leaves over."""
     with styled() as Figure:
         rows = 2 if simulation else 1
         figure = Figure(figsize=(8.6, 2.4 + 1.5 * rows), layout="constrained")
@@ -187,6 +187,8 @@ def jump_picture(rod: RodMotion, simulation: Simulation | None, actuation: Actua
             axes[1].set(ylabel="measured − model [mm]")
         draw_beside(list(axes), rod, simulation, "model", size=3, line=".-", ms=2, lw=0.6)
         if simulation:
+            s = simulation.table
+            axes[0].plot(s.time_s, s.foot_m * 1e3, color=GREEN, lw=1, label="foot over the surface, model")
             axes[1].legend(loc="upper right")
         if actuation and actuation.moves:
             for axis in axes:

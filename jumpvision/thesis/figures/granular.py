@@ -78,6 +78,20 @@ def jump_types(data: xr.Dataset, Figure: NewFigure) -> Figure:
     return figure
 
 
+@figure_of(beds.ringing)
+def ringing(data: xr.Dataset, Figure: NewFigure) -> Figure:
+    """Heights of undamped delayed jumps against packing, beside damped ones and singles."""
+    figure = Figure(figsize=(7.2, 3.6), layout="constrained")
+    axis = figure.subplots()
+    gain = attributes_of(beds.Ringing, data).dwell_gain
+    axis.plot(data.phi, data.jump_height_m * 1e3, color=ACCENT, label="delayed, spring rings on (full gain)")
+    axis.plot(data.phi, data.damped_height_m * 1e3, color=GREEN, label=f"delayed, gain x {gain:g} in the pause")
+    axis.plot(data.phi, data.single_height_m * 1e3, color=MEASURED, label="single")
+    axis.set(title=f"delayed stutter at {float(data.frequency):.3g} Hz", xlabel=PHI, ylabel=HEIGHT)
+    axis.legend(fontsize=7)
+    return figure
+
+
 @figure_of(beds.delay)
 def delay(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """Heights against delay."""

@@ -196,15 +196,15 @@ def least_amplitude(data: xr.Dataset, Figure: NewFigure) -> Figure:
 
 @figure_of(thresholds.lift_off_time)
 def lift_off_time(data: xr.Dataset, Figure: NewFigure) -> Figure:
-    """Cycles to lift-off over (f, A), the easiest frequency against N, and against damping."""
+    """Cycles to lift-off over (f, A), the easiest frequency against N, with the motor's loop, and against damping."""
     import matplotlib as mpl
 
     phases = min(data.sizes["phase"], 2)
-    figure = Figure(figsize=(9.6, 6.6), layout="constrained")
-    axes = figure.subplots(2, 2)
+    figure = Figure(figsize=(12.0, 7.0), layout="constrained")
+    drawn = figure.subplot_mosaic("aaabbb;ccddee")
     most = attributes_of(thresholds.LiftOffTime, data).cycles
     for i in range(phases):
-        axis = axes[0, i]
+        axis = drawn["ab"[i]]
         seen = axis.pcolormesh(
             data.frequency_ratio,
             data.amplitude * 1e3,
@@ -225,8 +225,8 @@ def lift_off_time(data: xr.Dataset, Figure: NewFigure) -> Figure:
         axis.grid(False)
         figure.colorbar(seen, ax=axis, label="cycles (grey: never)")
     if phases == 1:
-        axes[0, 1].set_visible(False)
-    left, right = axes[1]
+        drawn["b"].set_visible(False)
+    left, middle, right = (drawn[n] for n in "cde")
     for i, (color, style) in zip(range(phases), STYLES):
         name = phase_name(float(data.phase[i]))
         left.plot(
@@ -235,17 +235,28 @@ def lift_off_time(data: xr.Dataset, Figure: NewFigure) -> Figure:
         off = data.easiest_ratio_damped.isel(phase=i) - 1.0
         right.plot(data.damping_ratio, off, style, marker="o", ms=4, color=color, label=name)
     left.axhline(1.0, color=QUIET, lw=0.8, ls=":")
-    left.set(title="easiest frequency against the cut-off N", xlabel="cycles N", ylabel="$f_N / f_0$", xscale="log")
+    left.set(title="easiest frequency against N", xlabel="cycles N", ylabel="$f_N / f_0$", xscale="log")
     left.legend()
+    late = data.cut_off >= min(5.0, float(data.cut_off[-1]))
+    first = data.isel(phase=0)
+    middle.plot(
+        data.cut_off[late], first.easiest_frequency_ratio[late], "o-", ms=4, color=MEASURED, label="stiff motor"
+    )
+    for kp, dashes in zip(data.loop_stiffness.values, ("--", "-.", ":", "-")):
+        held = first.easiest_ratio_looped.sel(loop_stiffness=kp)[late]
+        middle.plot(data.cut_off[late], held, color=MODEL, ls=dashes, label=f"loop of {kp / 1e3:.3g} kN/m")
+    middle.axhline(1.0, color=QUIET, lw=0.8, ls=":")
+    middle.set(title="with the motor's loop", xlabel="cycles N", ylabel="$f_N / f_0$", xscale="log")
+    middle.legend(fontsize=7)
     z = np.linspace(float(data.damping_ratio[0]), float(data.damping_ratio[-1]), 100)
     right.plot(z, 1 / np.sqrt(1 - 2 * z**2) - 1, color=QUIET, lw=0.9, label="1/√(1 − 2ζ²): inertial forcing")
     right.plot(z, np.sqrt(1 - 2 * z**2) - 1, color=QUIET, lw=0.9, ls=":", label="√(1 − 2ζ²): as suspected")
     right.set(
-        title=f"viscous damping never lowers it (N = {float(data.cut_off[-1]):g})",
+        title=f"damping never lowers it (N = {float(data.cut_off[-1]):g})",
         xlabel="damping ratio ζ",
         ylabel="$f_N / f_0 - 1$",
     )
-    right.legend()
+    right.legend(fontsize=7)
     return figure
 
 

@@ -207,17 +207,19 @@ def panels(data: xr.Dataset, Figure: NewFigure) -> Figure:
 
 
 SIGNIFICANT = 4.0  # |z| of the darkest colour, at least
+ENOUGH = 3  # conditions of a series from which it is drawn as one
+COLOURS = (MEASURED, MODEL, GREEN, ACCENT, "black")
+MARKS, LINES = "os^Dv", ("-", "--")
 
 
 @figure_of(compared.compare)
 def comparison(data: xr.Dataset, Figure: NewFigure) -> Figure:
-    """Four maps where frequency and phase vary, else heights, differences and z along what varies."""
-    varies = [n for n in ("frequency", "phase", "amplitude", "delay") if np.unique(data[n]).size > 1]
-    return (
-        maps(data, Figure)
-        if varies[:2] == ["frequency", "phase"]
-        else difference_lines(data, Figure, (varies or ["trial"])[0])
-    )
+    """Heights and residuals along an axis with the models' curves; four maps where frequency and phase scatter."""
+    varies = [n for n in ("frequency", "phase") if np.unique(data[n]).size > 1]
+    most = np.bincount(data.condition_series.values).max()
+    if len(varies) == 2 and most < ENOUGH and "simulated_map_m" in data:
+        return maps(data, Figure)
+    return along(data, Figure)
 
 
 def heading(data: xr.Dataset) -> str:
@@ -281,43 +283,39 @@ def maps(data: xr.Dataset, Figure: NewFigure) -> Figure:
     return figure
 
 
-def difference_lines(data: xr.Dataset, Figure: NewFigure, name: str) -> Figure:
-    """Heights with their uncertainties, and z, along one coordinate."""
-    figure = Figure(figsize=(7.4, 5.4), layout="constrained")
+def along(data: xr.Dataset, Figure: NewFigure) -> Figure:
+    """Measured heights with 2 sigma and the band of their trials, beside each model's curve; below their residuals."""
+    over = attributes_of(compared.Drawn, data).over
+    axis_of, models = AXES[over], data.model_name.values.tolist()
+    figure = Figure(figsize=(8.6, 6.2), layout="constrained")
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-    x = data[name] if name in data.coords else data.z * 0.0 + np.arange(data.sizes["condition"])
-    data = data.isel(condition=np.argsort(x.values, kind="stable"))
-    x = np.sort(x.values)
-    top.errorbar(
-        x,
-        data.simulated_height_m * 1e3,
-        data.model_sigma_m * 1e3,
-        fmt="s",
-        ms=9,
-        mfc="none",
-        color=MODEL,
-        capsize=4,
-        label="simulated",
-    )
-    top.errorbar(
-        x,
-        data.measured_height_m * 1e3,
-        data.measured_sigma_m * 1e3,
-        fmt="o",
-        ms=4,
-        color=MEASURED,
-        capsize=2,
-        label="measured",
-    )
-    top.set(title=heading(data), ylabel="jump height [mm]")
-    top.legend()
+    for k, name in enumerate(data.series_name.values):
+        one = data.isel(condition=data.condition_series.values == k).sortby(over)
+        color, mark = COLOURS[k % len(COLOURS)], MARKS[k % len(MARKS)]
+        x, height, sigma = one[over] * axis_of.factor, 1e3 * one.measured_height_m, 2e3 * one.measured_sigma_m
+        spread = 1e3 * one.trial_spread_m
+        top.fill_between(x, height - spread, height + spread, color=color, alpha=0.18, lw=0)
+        top.errorbar(x, height, sigma, fmt=mark, ms=4, color=color, capsize=2, label=str(name))
+        for m, style in zip(range(len(models)), LINES):
+            top.plot(data.curve_at[k] * axis_of.factor, 1e3 * data.curve_m[k, m], color=color, ls=style, lw=1.1)
+            simulated = 1e3 * one.model_height_m[m]
+            top.plot(x, simulated, mark, ms=7 - 2 * m, mfc="none", mew=0.8, color=color)
+            off, whole = height - simulated, np.hypot(sigma, 2e3 * one.model_sigma_m if m == 0 else 0.0)
+            bottom.errorbar(
+                x, off, whole, fmt=mark, ms=4, mfc=color if m == 0 else "none", color=color, capsize=2, lw=0.8
+            )
     odd = data.stands_out.values == 1
-    bottom.axhline(0.0, color=QUIET, lw=0.8)
-    bottom.vlines(x, 0.0, data.z, color=QUIET, lw=0.8)
-    bottom.plot(x[~odd], data.z[~odd], "o", ms=4, color=MEASURED)
-    bottom.plot(x[odd], data.z[odd], "D", ms=5, color="black", label="stands out")
-    high = max(SIGNIFICANT, 1.1 * float(np.abs(data.z).max()))
-    bottom.set(ylabel="z", ylim=(-high, high), xlabel=f"{name} [{AXES[name].unit}]" if name in AXES else "condition")
+    bottom.plot(
+        data[over][odd] * axis_of.factor, 1e3 * data.difference_m[odd], "o", ms=10, mfc="none", mec="black", mew=1.0
+    )
+    for style, name in zip(LINES, models):
+        top.plot([], [], color="black", ls=style, lw=1.1, label=str(name))
+    top.plot([], [], "o", ms=7, mfc="none", mew=0.8, color="black", label="simulated, each jump's own motor")
     if odd.any():
-        bottom.legend()
+        top.plot([], [], "o", ms=10, mfc="none", mec="black", mew=1.0, label="stands out")
+    bottom.axhline(0.0, color=QUIET, lw=0.8)
+    top.set(title=heading(data), ylabel="jump height [mm]")
+    unit = f" [{axis_of.shown}]" if axis_of.shown else ""
+    bottom.set(ylabel="measured − simulated [mm]", xlabel=f"{axis_of.label}{unit}")
+    figure.legend(loc="outside lower center", ncols=3, fontsize=7)
     return figure

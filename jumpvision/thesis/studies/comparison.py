@@ -1,4 +1,4 @@
-"""Measured jump heights of a hard-ground campaign beside simulation: the maps, their difference and its significance.
+"""Measured jump heights of a campaign beside simulation, along any axis: their difference and its significance.
 
 Every experiment goes through the pipeline (what is there already is not computed again); each is simulated at its own
 robot, model and motor by the stage `simulate`.
@@ -9,8 +9,9 @@ from __future__ import annotations
 import dataclasses
 import math
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -23,12 +24,14 @@ from jumpvision.base.schema import InputError, check_value
 from jumpvision.estimate.estimate import independent
 from jumpvision.estimate.mean import Agreement, agreement
 from jumpvision.experiment.inputs.experiment import Campaign, Experiment, open_campaign
-from jumpvision.experiment.inputs.model import ModelSpec
+from jumpvision.experiment.inputs.model import ModelSpec, read_model
 from jumpvision.experiment.inputs.parameters import SimulateParams
-from jumpvision.experiment.inputs.sections import Actuation, Motor, MotorLog, Robot
+from jumpvision.experiment.inputs.sections import Actuation, Bed, Motor, MotorLog, Robot
 from jumpvision.experiment.results.fields import as_attributes, attributes_of
 from jumpvision.experiment.results.tables import RodMotion
+from jumpvision.experiment.results.values import BedHeight
 from jumpvision.experiment.stages.recordings import shared_of
+from jumpvision.experiment.stages.rod import total_mass
 from jumpvision.experiment.stages.simulate import simulate
 from jumpvision.experiment.stages.summary import simulated_height
 from jumpvision.experiment.workflow.many import run_campaign
@@ -38,13 +41,14 @@ from jumpvision.experiment.workflow.workspace import Workspace
 from jumpvision.jumper.mechanisms.registry import ModelParameters
 from jumpvision.jumper.physics.batch import hard_points, resolve
 
+from .along import DECLARED, LAW, OVER, Along, Place, drawn_along
 from .axes import AXES
 from .compute import Origin
 from .setup import Setup, setup_of
 from .study import Found, Measured, Row, study
 
 LEVEL = 0.05  # corrected p of a condition that stands out
-COORDS = ("frequency", "phase", "amplitude", "cycles", "delay")
+COORDS = OVER
 DRAWN = 80  # points an axis of the simulated map behind the measured points
 
 
@@ -62,15 +66,29 @@ class Jump:
     apparatus: str
     model: float
     steps: dict[str, float]
+    phi: float = math.nan  # volume fraction, as given or measured
+    bed: BedHeight | None = None
+    other: float = math.nan  # m, by the model of a file
 
     @property
     def law(self) -> dict[str, float]:
         return law_of(self.experiment)
 
     @property
+    def at(self) -> dict[str, float]:
+        """The numbers of OVER."""
+        robot = self.experiment.required(Robot)
+        mass, k, law = total_mass(robot) or math.nan, robot.spring_stiffness or math.nan, self.law
+        alpha = mass * robot.gravity / (k * law["amplitude"])
+        rest = {"alpha": alpha, "gravity": robot.gravity, "phi": self.phi, "foot_radius": robot.foot_radius or math.nan}
+        return {**law, **rest}
+
+    @property
     def condition(self) -> tuple[str | float, ...]:
-        """Trials of the same group and law are repeats."""
-        return (self.experiment.header.group, *(round(x, 9) for x in self.law.values()))
+        """Trials of the same group and law are repeats; without a group beds that are as dense."""
+        group = self.experiment.header.group
+        bed = 0.0 if group or math.isnan(self.phi) else round(self.phi, 3)
+        return (group, bed, *(round(x, 9) for x in self.law.values()))
 
 
 def law_of(e: Experiment) -> dict[str, float]:
@@ -96,27 +114,34 @@ class Comparison:
     p_largest: float
 
 
-@study("comparison", "hard", model_file=False)
+@study("comparison", "hard", "granular", source="Figs 27, 45, 47, 49, 59(b), with points of your own")
 def compare(given: Measured) -> Found:
     """Measured jump heights of a campaign beside their simulation, with the significance of the difference.
 
-    The data set of conditions (dimension `condition`) and trials, and a table of one row a condition.
-    InputError where a campaign has no jump to compare. Experiments without a height are told, with the reason.
+    Along what varies most, or --over AXIS: series of jumps that differ in it alone, and each model's curve, the
+    declared one's and that of --model. The data set of conditions (dimension `condition`) and trials, and a table of
+    one row a condition. InputError where a campaign has no jump to compare. Experiments without a height are told.
     """
     campaign = open_campaign(given.campaign, overrides=given.overrides)
-    other = [e for e in campaign.experiments if e.ground != "hard"]
+    other = [e for e in campaign.experiments if e.ground != given.ground]
     if other:
-        raise InputError([f"{e.path}: ground = '{e.ground}': this comparison is of hard ground" for e in other])
-    command = f"jumpvision sweep hard --analysis {given.study.name}"
+        raise InputError(
+            [
+                f"{e.path}: ground = '{e.ground}': sweep {e.ground} compares it; give campaigns of one ground"
+                for e in other
+            ]
+        )
+    command = f"jumpvision sweep {given.ground} --analysis {given.study.name}"
+    replaced = read_model(given.model_file) if given.model_file else None
     plan, say = Plan(given.results, given.results / ".cache", stages=("summary",), command=command), given.say
     outcomes = run_campaign(campaign, plan, workers=given.workers, done=lambda o: say(f"{o.name}: {o.seconds:.1f} s"))
     jumps = []
     for e, o in zip(campaign.experiments, watch(outcomes, "simulations")):
-        why = problem(o)
+        why = problem(o) or unmodelled(e)
         if why:
             say(f"{e.name}: left out: {why}")
         else:
-            jumps.append(measured_jump(e, o, plan))
+            jumps.append(measured_jump(e, o, plan, replaced))
     if not jumps:
         raise InputError(
             [
@@ -141,9 +166,61 @@ def compare(given: Measured) -> Found:
         rng=np.random.default_rng(0),
         shared=np.transpose(shared) if common.any() else (),
     )
-    robot = setup_of("hard", jumps[0].experiment.path, given.overrides)
+    robot = setup_of(given.ground, jumps[0].experiment.path, given.overrides, bed_seen=jumps[0].bed)
     data = _dataset(campaign, robot, jumps, at, steps, names, found)
+    firsts = [[j for j, c in zip(jumps, at) if c == k] for k in range(found.trials.size)]
+    places = [
+        Place(
+            {n: float(np.mean([j.at[n] for j in trials])) for n in OVER},
+            trials[0].experiment.required(Actuation).kind,
+            trials[0].experiment,
+            trials[0].bed,
+        )
+        for trials in firsts
+    ]
+    files = [None, *([given.model_file] if given.model_file else [])]
+    along = drawn_along(places, given.over, files, given.overrides, workers=given.workers, say=say)
+    spread = [np.std([j.height for j in trials], ddof=1) if len(trials) > 1 else math.nan for trials in firsts]
+    by_other = [float(np.mean([j.other for j in trials])) for trials in firsts]
+    data = data.assign(_along(along, files, np.array(spread), np.stack([found.model, by_other])[: len(files)]))
+    told = {
+        "series_name": ("series", along.names),
+        "model_name": ("model", [f.name if f else DECLARED for f in files]),
+    }
+    data = data.assign_coords(told).assign_attrs(as_attributes(Drawn(along.over)))
     return data, rows(data)
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """The axis along which a comparison is drawn."""
+
+    over: str
+
+
+def _along(found: Along, files: Sequence[Path | None], spread: Array, by_model: Array) -> dict[str, xr.Variable]:
+    """Series and curves as variables."""
+
+    def variable(dims: tuple[str, ...], values: ArrayLike, unit: str, words: str) -> xr.Variable:
+        return xr.Variable(dims, values, {"units": unit, "long_name": words})
+
+    over = AXES[found.over]
+    return {
+        "condition_series": variable(("condition",), found.series, "1", "index of its series"),
+        "trial_spread_m": variable(("condition",), spread, "m", "standard deviation of its trials; NaN for one"),
+        "model_height_m": variable(("model", "condition"), by_model, "m", "jump_height by each model"),
+        "curve_at": variable(("series", "point"), found.x, over.unit or "1", over.meaning),
+        "curve_m": variable(
+            ("series", "model", "point"), found.curves, "m", "jump_height of a model between the points"
+        ),
+    }
+
+
+def unmodelled(e: Experiment) -> str:
+    """Why an experiment has no simulation; "" when it has."""
+    if e.section(Robot) is None:
+        return "[robot]: missing"
+    return "[model]: missing, on sand" if e.ground == "granular" and e.section(ModelSpec) is None else ""
 
 
 def problem(o: Outcome) -> str:
@@ -155,8 +232,10 @@ def problem(o: Outcome) -> str:
     return ""
 
 
-def measured_jump(e: Experiment, o: Outcome, plan: Plan) -> Jump:
-    """The measured height beside the model's, and what one sigma of each uncertain parameter does to the latter."""
+def measured_jump(e: Experiment, o: Outcome, plan: Plan, other: ModelSpec | None = None) -> Jump:
+    """The measured height beside the model's, and what one sigma of each uncertain parameter does to the latter. other:
+    a model whose height is taken too."""
+    bed = BedHeight.load(o.results) if o.made(BedHeight) else None
     workspace = Workspace(e, o.results, plan.cache)
     rod, p = workspace.make(RodMotion), workspace.parameters(simulate)
     log, law, motor = e.section(MotorLog), e.section(Actuation), e.section(Motor)
@@ -164,8 +243,8 @@ def measured_jump(e: Experiment, o: Outcome, plan: Plan) -> Jump:
     def height(robot: Robot, spec: ModelSpec, p: SimulateParams = p) -> float:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StageWarning)  # told when the stage itself ran
-            done = simulate(e, robot, spec, log, law, motor, None, None, rod, p=p)
-        return float(simulated_height(done, law) or math.nan)
+            done = simulate(e, robot, spec, log, law, motor, e.section(Bed), bed, rod, p=p)
+        return float(simulated_height(done, law, log) or math.nan)
 
     robot, spec = e.required(Robot), e.section(ModelSpec) or ModelSpec()  # hard ground without [model]: no term
     steps = {name: (height(*high) - height(*low)) * share for name, low, high, share in variations(robot, spec)}
@@ -173,7 +252,10 @@ def measured_jump(e: Experiment, o: Outcome, plan: Plan) -> Jump:
     if log is not None:  # smoothed by its encoder's step: twice that shows what smoothing does, 0 where the law drives
         coarse = dataclasses.replace(p, encoder_step=2.0 * p.encoder_step)
         steps["motor_log of " + ", ".join(f"{x:g}" for x in law_of(e).values())] = height(robot, spec, coarse) - model
-    return Jump(e, *o.summary.jump_height.numbers, shared_of(e).apparatus, model, steps)
+    by_other = height(robot, other) if other is not None else math.nan
+    phi = o.summary.volume_fraction.value
+    seen = o.summary.jump_height.numbers
+    return Jump(e, *seen, shared_of(e).apparatus, model, steps, math.nan if phi is None else phi, bed, by_other)
 
 
 Version = tuple[Robot, ModelSpec]
@@ -247,7 +329,7 @@ def _dataset(
     variables["model_step_m"] = xr.Variable(("trial", "parameter"), steps, words)
     coords = {
         n: xr.Variable(
-            ("condition",), [j.law[n] for j in first], {"units": AXES[n].unit or "1", "long_name": AXES[n].meaning}
+            ("condition",), [j.at[n] for j in first], {"units": AXES[n].unit or "1", "long_name": AXES[n].meaning}
         )
         for n in COORDS
     }
@@ -271,7 +353,7 @@ def _dataset(
 
 def simulated_map(robot: Setup, jumps: list[Jump]) -> tuple[dict[str, xr.Variable], dict[str, xr.Variable]]:
     """The model's height between the points, over frequency and phase; nothing where robots or the rest differ."""
-    rest = {n: {round(j.law[n], 9) for j in jumps} for n in COORDS[2:]}
+    rest = {n: {round(j.law[n], 9) for j in jumps} for n in LAW[2:]}
     sections = [(j.experiment.section(Robot), j.experiment.section(ModelSpec)) for j in jumps]
     spec = sections[0][1]
     # the height a camera reports is another, and so is the motion of a motor that a loop drives
@@ -279,7 +361,7 @@ def simulated_map(robot: Setup, jumps: list[Jump]) -> tuple[dict[str, xr.Variabl
     if not robot.exact or other or any(len(v) > 1 for v in rest.values()) or any(s != sections[0] for s in sections):
         return {}, {}
     axes = []
-    for n in COORDS[:2]:
+    for n in LAW[:2]:
         x = np.array([j.law[n] for j in jumps])
         margin = 0.08 * np.ptp(x) or 0.1 * x[0] or 0.3  # around the range of the points
         axes.append(np.linspace(max(x.min() - margin, 0.05 * x.min()), x.max() + margin, DRAWN))
@@ -299,6 +381,7 @@ def rows(data: xr.Dataset) -> list[Row]:
         "frequency_hz": data.frequency,
         "phase_rad": data.phase,
         "amplitude_mm": data.amplitude * 1e3,
+        **({"volume_fraction": data.phi} if np.isfinite(data.phi).any() else {}),
         "trials": data.trials,
         "measured_mm": data.measured_height_m * 1e3,
         "sigma_mm": data.measured_sigma_m * 1e3,

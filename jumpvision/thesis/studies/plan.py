@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -13,14 +14,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from jumpvision.base.arrays import Array
 from jumpvision.base.record import plain
 from jumpvision.base.schema import InputError, Toml
 from jumpvision.experiment.inputs.experiment import open_experiment
 from jumpvision.experiment.inputs.model import ModelSpec, read_model
-from jumpvision.experiment.inputs.sections import Motor, Robot
+from jumpvision.experiment.inputs.parameters import SimulateParams
+from jumpvision.experiment.inputs.sections import Actuation, Clock, Motor, MotorLog, Robot
+from jumpvision.experiment.results.tables import RodMotion
+from jumpvision.experiment.stages.fit import height_fits
+from jumpvision.experiment.stages.rod import read_motor
+from jumpvision.experiment.workflow.workspace import Workspace
 from jumpvision.jumper.mechanisms.record import Body
 from jumpvision.jumper.mechanisms.registry import acting
-from jumpvision.jumper.physics.forcing import Forcing, as_played
+from jumpvision.jumper.physics.forcing import RATE, Forcing, as_played, first_motion
 from jumpvision.jumper.physics.model import GROUNDS, Model
 
 from .setup import setup_of
@@ -66,15 +73,72 @@ class PlanNumbers:
     clear_m: float | None = None  # of an obstacle
     clear_s: float | None = None  # that the foot is to be above it, and is in the re-simulation
     resimulated_clear_s: float | None = None
+    recorded_apex_m: float | None = None  # of the jump that played it: jump_height of its track
+    recorded_sigma_m: float | None = None
+    overshoot_m: float | None = None  # recorded less re-simulated jump height
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A jump that played a plan: its track, its motor (k,) [m] at motor_t [s], robot and clock where they are given.
+
+    late [s]: by how much its clock is behind the plan's; height [m] with sigma, from the plan's stop on.
+    """
+
+    name: str
+    rod: RodMotion
+    motor_t: Array
+    motor: Array
+    robot: Robot | None
+    clock: Clock | None
+    late: float = math.nan
+    height: float = math.nan
+    sigma: float = math.nan
+
+    def beside(self, command: Forcing, played: Callable[[Array], Array]) -> Recorded:
+        """Laid on the clock of a plan, whose motor is where `played` says, by least squares; and its height."""
+        from scipy.optimize import minimize_scalar
+
+        asked = np.arange(0.0, command.stop, 1.0 / RATE)
+        moved, step = played(asked), SimulateParams().encoder_step / math.sqrt(12.0)
+        near = float(self.motor_t[first_motion(self.motor, step)]) - asked[first_motion(moved, step)]
+
+        def off(shift: float) -> float:
+            return float(np.mean((np.interp(asked + near + shift, self.motor_t, self.motor) - moved) ** 2))
+
+        found = minimize_scalar(off, bounds=(-0.05, 0.05), method="bounded", options={"xatol": 1e-6})
+        late = near + float(found.x)
+        height = height_fits(self.rod, self.robot, (late, late + command.stop), self.clock)["jump_height_m"]
+        if not height.known:
+            raise InputError([f"--recorded {self.name}: no jump height: {height.reason}"])
+        return dataclasses.replace(self, late=late, height=height.value, sigma=height.sigma)
+
+
+def recorded_jump(path: Path) -> Recorded:
+    """The jump of an experiment's folder. InputError where it has no track or no motor log."""
+    folder = path.parent if path.name == "experiment.toml" else path
+    e = open_experiment(folder)
+    log, at = e.section(MotorLog), f"--recorded {path}"
+    if log is None:
+        raise InputError([f"{at}: [motor_log]: missing; without it the jump cannot be laid beside the plan"])
+    with tempfile.TemporaryDirectory() as place:
+        workspace = Workspace(e, Path(place) / "results", Path(place) / "cache")
+        if missing := workspace.missing(RodMotion):
+            raise InputError([f"{at}: no track: {missing}"])
+        rod = workspace.make(RodMotion)
+    return Recorded(e.name, rod, *read_motor(log, e.section(Actuation)), e.section(Robot), e.section(Clock))
 
 
 @dataclass(frozen=True)
 class Planned:
-    """A plan with its planner and numbers."""
+    """A plan with its planner and numbers. beside: of a landing that sticks, the single jump to the same apex;
+    recorded: the jump that played it."""
 
     plan: Plan
     planner: Planner
     numbers: PlanNumbers
+    beside: Plan | None = None
+    recorded: Recorded | None = None
 
 
 Obstacle = tuple[float, float]  # height [m], time that the foot is to be above it [s]
@@ -152,9 +216,10 @@ def make_plan(
     say: Callable[[str], None],
     rng: np.random.Generator,
     over: Obstacle | None = None,
+    recorded: Recorded | None = None,
 ) -> Planned:
     """The plan of a jump to an apex, or `over` an obstacle; neither: the highest. limits: by name, they replace the
-    motor's."""
+    motor's. recorded: the jump that played the plan."""
     try:
         from jumpvision.jumper.planning.jumper import Drive
         from jumpvision.jumper.planning.plan import Planner, above, apexes
@@ -200,7 +265,20 @@ def make_plan(
         clear_s=over[1] if over else None,
         resimulated_clear_s=above(plan.motion, over[0]) if over and reached else None,
     )
-    return Planned(plan, planner, numbers)
+    beside = None
+    if motion == "stick" and reached and apex is not None:
+        single = Planner(robot.model, drive, planner.limits, objective).plan(apex)
+        beside = single if single.status == "solved" else None
+    if recorded is not None and reached:
+        moved = plan.motion
+        recorded = recorded.beside(plan.command, lambda t: np.interp(t, moved.t, moved.motor - moved.rod))
+        numbers = dataclasses.replace(
+            numbers,
+            recorded_apex_m=recorded.height,
+            recorded_sigma_m=recorded.sigma,
+            overshoot_m=recorded.height - moved.jump_height,
+        )
+    return Planned(plan, planner, numbers, beside, recorded if reached else None)
 
 
 def _phases(sequence: tuple[str, ...]) -> list[str]:

@@ -69,9 +69,13 @@ class Sweep:
 
 @dataclass(frozen=True)
 class Measured:
-    """What a study of measured jumps is given: a campaign, where its results lie, and what stands for its own."""
+    """What a study of measured jumps is given: a campaign, where its results lie, and what stands for its own.
+
+    over: the axis along which they are drawn, "" for what varies most.
+    """
 
     study: Study[Any]
+    ground: str
     campaign: Path
     results: Path
     overrides: Tables
@@ -79,6 +83,7 @@ class Measured:
     say: Say
     model_file: Path | None = None
     laws: Laws | None = None
+    over: str = ""
 
 
 S = TypeVar("S", Sweep, Measured)
@@ -188,7 +193,8 @@ class Call:
     """A sweep as it is asked for; axes as typed.
 
     model: a file with [model]. table: of a study that takes one. laws: a file of the bed's parameters against its
-    volume fraction. campaign, results: of a study of measured jumps, the folder of experiments and that of results.
+    volume fraction. over: the axis of a comparison. campaign, results: of a study of measured jumps, the folder of
+    experiments and that of results.
     """
 
     ground: str
@@ -199,6 +205,7 @@ class Call:
     model: Path | None = None
     laws: Path | None = None
     table: Path | None = None
+    over: str = ""
     results: Path = Path("results/sweep")
     overrides: Tables = dataclasses.field(default_factory=dict)
     workers: int = 1
@@ -210,7 +217,7 @@ def run(call: Call) -> Found:
     asked = _asked(call)
     if call.campaign is not None:
         laws, rest = _laws(call, example=False), (call.overrides, call.workers, call.say)
-        return asked(Measured(asked, call.campaign, call.results, *rest, model_file=call.model, laws=laws))
+        return asked(Measured(asked, call.ground, call.campaign, call.results, *rest, call.model, laws, call.over))
     sweep = _sweep(asked, call)
     try:
         return asked(sweep)
@@ -241,6 +248,8 @@ def _asked(call: Call) -> Study[Any]:
     if call.table is not None and not (asked and asked.table):
         names = " or ".join(s.name for s in (here or known).values() if s.table) or "another ground's analysis"
         problems.append(f"--table {call.table}: is for --analysis {names}; leave it out")
+    if call.over and call.campaign is None:
+        problems.append(f"--over {call.over}: is of --campaign FOLDER; leave it out")
     if (call.campaign is not None) != (asked is not None and asked.of_campaign):
         names = " or ".join(s.name for s in (here or known).values() if s.of_campaign)
         problems.append(f"--campaign FOLDER and --analysis {names}: go together; give both or neither")

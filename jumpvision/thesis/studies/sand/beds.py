@@ -113,9 +113,11 @@ def jump_types(s: Sweep) -> Found:
     """Types of jumps against volume fraction, each at its best frequency in the densest bed, and an older force model.
 
     The constant drag of that model is fitted to the singles. The delayed jump's height is also taken from after its
-    hop. Every force model has the overshoots of the cone's, the memory of the bed.
+    hop. Every force model has the overshoots of the cone's, the memory of the bed. The motor's loop drives them all,
+    with a lowered gain in the pause that damps the spring: without it see `ringing`.
     """
     need_cone(s)
+    s = lowered(s)
     phi, f = s.axis("phi"), FREQUENCIES
     alpha, rms, _, _ = drag_of_singles(s, f[::3], phi)
     older, laws = baseline(s), with_alpha(s, phi, alpha)
@@ -132,7 +134,7 @@ def jump_types(s: Sweep) -> Found:
     single, delayed = (results["jump_height_m"][list(TYPES).index(n)] for n in ("single", "delayed stutter"))
     hop = np.array([_sunk_by_hop(s, kept[-1], x) for x in phi])
     after = delayed + hop
-    alike = np.interp(after, single, phi, left=np.nan, right=np.nan) if (np.diff(single) > 0).all() else after * np.nan
+    alike = np.array([as_high(h, phi, single) for h in after])
     over = ("jump", "phi")
     extra: dict[str, Variable] = {
         "kept_frequency_Hz": (("jump",), np.array(kept), "Hz", "best frequency in the densest bed"),
@@ -147,6 +149,26 @@ def jump_types(s: Sweep) -> Found:
     }
     data = dataset(s, {"jump": list(TYPES), "phi": phi}, over, results, extra, facts=JumpTypes(older))
     return data, _rows_of_types(s, data)
+
+
+def as_high(height: float, phi: Array, single: Array) -> float:
+    """The least volume fraction phi (n,), increasing, whose single jump (n,) [m] is as high; NaN where none is."""
+    over = single >= height
+    crossed = np.flatnonzero(over[1:] != over[:-1])
+    if not crossed.size:
+        return math.nan
+    i = crossed[0]
+    return float(phi[i] + (phi[i + 1] - phi[i]) * (height - single[i]) / (single[i + 1] - single[i]))
+
+
+def _as_high_in_words(data: xr.Dataset) -> str:
+    """The loosest bed's jump from after the hop among the singles."""
+    at, phi, single = float(data.equivalent_phi[0]), data.phi.values, data.jump_height_m.sel(jump="single").values
+    if math.isfinite(at):
+        return f"those at phi {at:.4f}"
+    height = float(data.height_after_hop_m[0])
+    more = "more" if height > single.max() else "less"
+    return f"none: {height * 1e3:.1f} mm is {more} than every single from phi {phi[0]:.3f} to {phi[-1]:.3f}"
 
 
 def _sunk_by_hop(s: Sweep, frequency: float, phi: float) -> float:
@@ -167,10 +189,9 @@ def _rows_of_types(s: Sweep, data: xr.Dataset) -> list[Row]:
     def ends(x: Array) -> str:
         return f"{float(x[0]):.1f} and {float(x[-1]):.1f} mm"
 
-    after = data.equivalent_phi.values
-    rk4 = {"single": "48.9 mm", "stutter": "15.0 mm", "delayed stutter": "67.66 mm"}
+    rk4 = {"single": "47.4 and 85.8 mm", "stutter": "26.4 and 99.3 mm", "delayed stutter": "61.0 and 77.0 mm"}
     rows = [
-        s.number("memory of the bed", memory_of(s)),
+        s.number("memory of the bed; gain in the pause", f"{memory_of(s)}; {s.setup.values['dwell_gain']:g}"),
         s.number(f"single at phi {phi[0]:.3f}: share of hard ground's height", f"{share:.2f}", "about 1/3"),
         *(
             s.number(
@@ -178,9 +199,9 @@ def _rows_of_types(s: Sweep, data: xr.Dataset) -> list[Row]:
                 ends(mm.sel(jump=kind)),
                 {
                     "stutter": "below the single at low phi, above at high phi",
-                    "delayed stutter": "above the single at low phi",
+                    "delayed stutter": "above the single at low phi, below at high phi",
                 }.get(kind, ""),
-                f"{rk4[kind]} at phi 0.57",
+                rk4[kind],
             )
             for kind in TYPES
         ),
@@ -198,9 +219,9 @@ def _rows_of_types(s: Sweep, data: xr.Dataset) -> list[Row]:
         ),
         s.number(
             f"single jumps that rise as much as from after the hop at phi {phi[0]:.3f}",
-            f"those at phi {after[0]:.4f}",
+            _as_high_in_words(data),
             "phi_c and higher",
-            "0.6155",
+            "0.6076",
         ),
     ]
     if phi.size >= 5:
@@ -210,6 +231,64 @@ def _rows_of_types(s: Sweep, data: xr.Dataset) -> list[Row]:
             s.number("kink of the single's height against phi", kink(fit, 10.0, "mm per 0.01"), "phi_c about 0.605")
         )
     return rows
+
+
+@study(
+    "ringing",
+    "granular",
+    source="Fig 45(b) without the lowered gain",
+    ranges={"phi": lambda s: packings(s, 4 * PACKINGS - 3)},
+    values=("amplitude", "dwell_gain"),
+    needs_laws=True,
+    memory=True,
+)
+def ringing(s: Sweep) -> Found:
+    """Delayed stutter jumps whose spring rings on through the pause: their height is that of a phase of the ring.
+
+    A motor that stands where the law says damps nothing; beside it the lowered gain of `jump-types` (--dwell-gain),
+    each at its best frequency in the densest bed, and single jumps driven as the undamped ones.
+    """
+    damped = lowered(s)
+    values = {**s.setup.values, "dwell_gain": 1.0}
+    rigid = dataclasses.replace(s, setup=dataclasses.replace(s.setup, values=values))
+    phi, f = s.axis("phi"), FREQUENCIES
+
+    def kept(given: Sweep, kind: str) -> tuple[float, Array]:
+        at = float(f[np.argmax(heights(given, kind, {"frequency": f, "phi": phi[-1:]})[:, 0])])
+        return at, heights(given, kind, {"phi": phi, "frequency": at})
+
+    at, rings = kept(rigid, "delayed stutter")
+    _, still = kept(damped, "delayed stutter")
+    _, single = kept(rigid, "single")
+    phase, delay = TYPES["delayed stutter"]
+    found = batch(rigid, {"phi": phi, "frequency": at, "phase": phase, "delay": delay})
+    extra: dict[str, Variable] = {
+        "damped_height_m": (("phi",), still, "m", "jump height with the lowered gain in the pause"),
+        "single_height_m": (("phi",), single, "m", "single jump of the same motor"),
+    }
+    facts = Ringing(damped.setup.values["dwell_gain"])
+    coords = {"phi": phi, "phase": phase, "frequency": at, "delay": delay}
+    data = dataset(rigid, coords, ("phi",), found, extra, facts=facts)
+    least, most = int(np.argmin(rings - single)), int(np.argmax(rings - single))
+
+    def beside(i: int) -> str:
+        return f"{rings[i] * 1e3:.1f}, single {single[i] * 1e3:.1f} mm at phi {phi[i]:.4g}"
+
+    turns = {n: int(np.sum(np.diff(np.sign(np.diff(x))) != 0)) for n, x in (("rings", rings), ("damped", still))}
+    rows = [
+        s.number("memory of the bed; gain beside it", f"{memory_of(s)}; {facts.dwell_gain:g}"),
+        s.number("undamped most above the single", beside(most)),
+        s.number("undamped least above it", beside(least)),
+        s.number("maxima and minima over phi: undamped, damped", f"{turns['rings']}, {turns['damped']}", "none"),
+    ]
+    return data, rows
+
+
+@dataclass(frozen=True)
+class Ringing:
+    """Gain in the pause of the jumps beside which the undamped ones stand."""
+
+    dwell_gain: float
 
 
 @dataclass(frozen=True)

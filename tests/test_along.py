@@ -1,0 +1,170 @@
+"""Measured heights beside models over any axis, on campaigns of the laboratory's own integrator."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from jumpvision.base.schema import InputError
+from jumpvision.cli import main
+from jumpvision.jumper.physics.hard.analysis import SINGLE, STUTTER
+from jumpvision.laboratory import recordings as logs
+from jumpvision.laboratory import write
+from jumpvision.laboratory.jumper import Law, Robot, motion_of
+from jumpvision.laboratory.samples import HARD_ROBOT
+from jumpvision.thesis.figures.sweeps import picture
+from jumpvision.thesis.page import write_sweep
+from jumpvision.thesis.studies.along import chosen
+from jumpvision.thesis.studies.axes import EXAMPLE, read_laws
+from jumpvision.thesis.studies.compute import write as keep
+from jumpvision.thesis.studies.study import Call, run
+
+NOISE = 5e-5  # m, of a track at 200 frames a second
+SAND = Robot(1.125, 0.175, 0.04, 3300.0, 1.2, 0.0381, 9.81)
+TERMS = ["two_resistance", "depth_drag", "added_mass"]
+FIXED = {"C": 2.7, "mu": 2.0, "theta": math.pi / 3, "delta": 0.01}
+LAWS = read_laws(EXAMPLE)
+KINDS = {"single": SINGLE, "stutter": STUTTER}
+
+
+def bed_at(phi: float) -> dict[str, float]:
+    """k1, k2, b of the example's bed."""
+    return {n: float(LAWS.laws[n](phi)) for n in ("k1", "k2", "b")}
+
+
+def sand_campaign(folder: Path, jumps: list[dict[str, Any]], extra: float = 0.0, **bed: Any) -> Path:
+    """Tracks of jumps (kind, frequency, phi, delay) on the cone; extra [kg/m]: drag that no model declares."""
+    rng = np.random.default_rng(53)
+    folder.mkdir()
+    model = {"terms": TERMS, **FIXED, **bed}
+    tables: dict[str, Any] = {
+        "ground": "granular",
+        "robot": SAND._asdict(),
+        "bed": {"grain_density": 1000.0},
+        "model": model,
+    }
+    if not bed:
+        tables["model.laws"] = {"foot_radius": 0.0381, "C": 2.7}
+        for name in ("k1", "k2", "b"):
+            law = LAWS.laws[name]
+            tables[f"model.laws.{name}"] = {"phi": list(law.phi), "value": list(law.value)}
+    write.toml(folder / "campaign.toml", tables)
+    for i, jump in enumerate(jumps):
+        kind, f, phi, delay = jump["kind"], jump["frequency"], jump.get("phi", 0.57), jump.get("delay", 0.0)
+        terms, truth = list(TERMS), {**FIXED, **(bed or bed_at(phi))}
+        if extra:
+            terms, truth = [*terms, "inertial_drag"], {**truth, "alpha": extra}
+        law = Law(f, 0.01875, KINDS[kind], 0.2, delay=delay)
+        last, rho = law.stop + 0.5, 1000.0 * phi
+        motion = motion_of(
+            SAND, law, terms, truth, ground="granular", duration=last, bed_density=rho, dt=5e-6, every=20
+        )
+        own = folder / f"jump-{i:02d}"
+        own.mkdir()
+        write.table(own / "rod.csv", logs.rod_track(motion, rate=200.0, noise=NOISE, zero=0.01, rng=rng))
+        actuation = {
+            "kind": kind if not delay else "delayed_stutter",
+            "frequency": f,
+            "amplitude": 0.01875,
+            "start": 0.2,
+        }
+        known = {"actuation": actuation | ({"delay": delay} if delay else {}), "rod_track": {"file": "rod.csv"}}
+        write.toml(own / "experiment.toml", {"group": jump.get("group", ""), **known, "bed": {"volume_fraction": phi}})
+    return folder
+
+
+def compared(folder: Path, ground: str = "granular", over: str = "", model: Path | None = None) -> xr.Dataset:
+    call = Call(ground, {}, "comparison", campaign=folder, results=folder.parent / "out", over=over, model=model,
+                say=lambda _: None)  # fmt: skip
+    return run(call)[0]
+
+
+def through_the_points(data: xr.Dataset, tolerance: float) -> None:
+    """The curve of the declared model passes the simulated heights: law and motor are one here."""
+    over = data.attrs["over"]
+    for s in range(data.sizes["series"]):
+        one = data.isel(condition=data.condition_series.values == s)
+        if one.sizes["condition"] > 1:
+            at = np.interp(one[over], data.curve_at[s], data.curve_m[s, 0])
+            np.testing.assert_allclose(at, one.simulated_height_m, atol=tolerance)
+
+
+def test_heights_over_packing_stand_beside_the_models_laws(tmp_path):
+    """Thesis Fig 45: two kinds at four packings, two trials each. The laboratory is the model: 0.15 mm is four sigma of
+    two tracks (0.02 mm each) and of the bend of a curve between its points."""
+    points = [(k, f, phi) for k, f in (("single", 9.0), ("stutter", 5.5)) for phi in (0.57, 0.59, 0.605, 0.62)]
+    jumps = [{"kind": k, "frequency": f, "phi": phi, "group": f"{k} {phi}"} for k, f, phi in 2 * points]
+    data = compared(sand_campaign(tmp_path / "c", jumps))
+    assert (
+        data.attrs["over"] == "phi"
+        and data.sizes["condition"] == 8
+        and data.series_name.values.tolist() == ["single", "stutter"]
+    )
+    assert np.abs(data.difference_m).max() < 1.5e-4
+    assert np.isfinite(data.trial_spread_m).all() and (data.trials == 2).all()
+    through_the_points(data, 1.5e-4)
+    assert float(data.curve_m[0, 0].max() - data.curve_m[0, 0].min()) > 0.02
+    assert picture(data).startswith(b"\x89PNG")
+    page = write_sweep(keep(data, tmp_path / "page", "comparison.nc")).read_text()
+    assert "mm of 2, simulated" in page and "trials scatter by" in page  # said of each point
+    assert "single: declared model" in page and "stutter: less declared model" in page
+
+
+def test_a_second_model_has_a_curve_and_residuals_of_its_own(tmp_path):
+    """Thesis Fig 49: a drag that the declared model lacks is in the other."""
+    jumps = [{"kind": "single", "frequency": f} for f in (5.0, 6.5, 8.0, 10.0)]
+    bed = {"k1": 2100.0, "k2": 2100.0, "b": 17.2}
+    folder = sand_campaign(tmp_path / "c", jumps, extra=60.0, **bed)
+    values = "".join(f"{n} = {x}\n" for n, x in (bed | FIXED | {"alpha": 60.0}).items())
+    (tmp_path / "model.toml").write_text(f"[model]\nterms = {[*TERMS, 'inertial_drag']}\n{values}".replace("'", '"'))
+    data = compared(folder, model=tmp_path / "model.toml")
+    assert data.attrs["over"] == "frequency" and data.model_name.values.tolist() == ["declared model", "model.toml"]
+    off = data.measured_height_m - data.model_height_m
+    assert np.abs(off.isel(model=1)).max() < 1.5e-4 and off.isel(model=0).max() > 5e-3
+    assert np.isfinite(data.curve_m).all() and picture(data).startswith(b"\x89PNG")
+    assert data.attrs["p_value"] < 1e-4
+
+
+def test_heights_over_delay(tmp_path):
+    """Thesis Fig 47, its law driven without a loop."""
+    jumps = [{"kind": "stutter", "frequency": 9.0, "delay": d} for d in (0.05, 0.08, 0.11, 0.14)]
+    data = compared(sand_campaign(tmp_path / "c", jumps, k1=2100.0, k2=2100.0, b=17.2))
+    assert data.attrs["over"] == "delay"
+    assert np.abs(data.difference_m).max() < 1.5e-4
+    through_the_points(data, 3e-4)
+
+
+def test_heights_on_hard_ground_over_the_acceleration_ratio(tmp_path):
+    """Thesis Fig 32, over alpha = M g / (k A), by its amplitude."""
+    rng, folder = np.random.default_rng(5), tmp_path / "c"
+    folder.mkdir()
+    write.toml(folder / "campaign.toml", {"ground": "hard", "robot": HARD_ROBOT._asdict()})
+    for i, a in enumerate((0.002, 0.003, 0.004, 0.005)):
+        law = Law(14.0, a, SINGLE, 0.2)
+        motion = motion_of(HARD_ROBOT, law, [], {}, ground="hard", duration=0.9, dt=5e-6, every=20)
+        own = folder / f"jump-{i}"
+        own.mkdir()
+        write.table(own / "rod.csv", logs.rod_track(motion, rate=200.0, noise=NOISE, zero=0.0, rng=rng))
+        actuation = {"kind": "single", "frequency": 14.0, "amplitude": a, "start": 0.2}
+        write.toml(own / "experiment.toml", {"actuation": actuation, "rod_track": {"file": "rod.csv"}})
+    for over in ("amplitude", "alpha"):
+        data = compared(folder, "hard", over)
+        assert data.attrs["over"] == over and data.sizes["series"] == 1
+        assert np.abs(data.difference_m).max() < 1.5e-4
+        through_the_points(data, 1.5e-4)
+    with pytest.raises(InputError, match="--over frequency: has one value"):
+        compared(folder, "hard", "frequency")
+    with pytest.raises(InputError, match="sweep hard compares it"):
+        compared(folder)
+
+
+def test_a_bad_axis_is_told(tmp_path, capsys):
+    with pytest.raises(InputError, match="--over apex: no axis of a campaign"):
+        chosen({"frequency": np.array([1.0, 2.0])}, "apex")
+    assert main(["sweep", "hard", "--over", "phi"]) == 2
+    assert "is of --campaign" in capsys.readouterr().err

@@ -1,0 +1,218 @@
+"""docs/figures.md row by row: its command runs, and what it draws has the axes, series and points that the row names.
+
+Commands are those of the page, with fewer points where the defaults are for a figure. What is drawn is looked at where
+it is drawn, as matplotlib's own artists.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
+from matplotlib.figure import Figure
+
+from jumpvision.cli import main
+
+pytestmark = pytest.mark.long
+PAGE = (ROOT / "docs" / "figures.md").read_text(encoding="utf-8")
+
+
+class Panels(NamedTuple):
+    """So many panels at least whose axes' labels hold these words, each with so many series of so many points at least;
+    cells: of a map behind them."""
+
+    x: str
+    y: str
+    panels: int = 1
+    series: int = 0
+    points: int = 3
+    cells: int = 0
+
+
+ROD = Panels("", "rod height [mm]", series=3, points=300)  # the camera's frames, the model's rod and foot
+MOTOR = Panels("", "motor on the rod [mm]", series=2, points=250)  # commanded and measured
+HEIGHTS = "jump height [mm]"
+TRACES = Panels("", "velocity [m/s]", series=3, points=1000)
+FORCES = Panels("depth below the surface [mm]", "force [N]", series=3, points=100)
+OVERSHOOTS = Panels("depth of the event [mm]", "overshoot [N]", series=1, points=4)
+FILM = "run data_samples/loose_sand/stutter-7.0Hz-film"
+PLAN = (Panels("", "motor on the rod [mm]", series=2, points=200), Panels("", "height [mm]", series=2, points=200))
+
+CLAIMS: dict[int, tuple[Panels, ...]] = {
+    19: (MOTOR, Panels("time [s]", "encoder − command [mm]", series=1, points=250)),
+    20: (
+        Panels("column [px]", "row [px]", series=1, points=700),
+        Panels("time [s]", "height above rest [mm]", series=1),
+    ),
+    21: (ROD,),
+    22: (Panels("time [s]", "height [mm]", series=2, points=200),),
+    24: (Panels("", "", panels=8, series=2, points=6),),
+    26: (
+        Panels("f / f_0", "A [mm]", panels=2, cells=54),
+        Panels("cycles N", "f_N / f_0", series=2, points=5),
+        Panels("cycles N", "f_N / f_0", series=4, points=3),
+        Panels("damping ratio", "f_N / f_0", series=4),
+    ),
+    27: (Panels("phase", "frequency [Hz]", panels=6, cells=56),),
+    28: (Panels("phase", "frequency [Hz]", panels=6, cells=56),),
+    29: (TRACES, Panels("", "position [mm]", series=3, points=1000)),
+    30: (TRACES, Panels("time [ms]", "power [W]", series=3, points=1000)),
+    31: (Panels("", "force [N]", series=2, points=1000),),
+    32: (
+        Panels("α", "", panels=2, series=2, points=100),
+        Panels("rod mass", "α", series=2),
+        Panels("damping ratio", "α", series=2),
+        Panels("f / f_0", "amplitude A [mm]", panels=2, series=1),
+    ),
+    33: (Panels("α", "f / f_0", series=5, points=50), TRACES),
+    35: (Panels("body length [m]", "height / length", series=2, points=50),),
+    36: (Panels("α", "", panels=2, series=3, points=4),),
+    37: (ROD, MOTOR),
+    41: (Panels("superficial air speed [m/s]", "pressure", series=2, points=100),),
+    43: (Panels("column [px]", "row [px]", series=1, points=100), Panels("", "height", series=1, points=100)),
+    45: (
+        Panels("volume fraction", HEIGHTS, panels=2, series=3, points=5),
+        Panels("volume fraction", "frequency [Hz]", cells=20),
+    ),
+    46: (Panels("volume fraction", "volume change", series=1, points=7),),
+    47: (Panels("delay [ms]", HEIGHTS, series=3, points=16),),
+    48: (
+        Panels("depth [mm]", "force [N]", series=4, points=100),
+        Panels("volume fraction", "resistance", series=2, points=7),
+        Panels("volume fraction", "delta", series=1, points=7),
+    ),
+    49: (Panels("frequency [Hz]", HEIGHTS, series=10, points=5), Panels("volume fraction", "α", series=1, points=4)),
+    50: (FORCES, OVERSHOOTS),
+    52: (Panels("", "", panels=2), Panels("time", "momentum", series=1, points=5)),
+    53: (Panels("", "", panels=1),),
+    55: (FORCES,),
+    57: (Panels("", "speed", series=1), Panels("", "", panels=2)),
+    58: (Panels("depth [mm]", "force [N]", series=4, points=100),),
+    59: (Panels("", "added mass", series=1, points=5), Panels("volume fraction", HEIGHTS, series=3, points=5)),
+    60: (Panels("time [ms]", "position [mm]", series=3, points=100), Panels("", "added mass [g]")),
+    61: (Panels("", "[N]", series=5, points=100), Panels("time [ms]", "[mm]", series=5, points=100)),
+    63: PLAN,
+    64: (Panels("planned height [mm]", "jumped height [mm]", series=1, points=2),),
+    65: (Panels("time", "motor", panels=1, series=2, points=20), Panels("planned height [mm]", "", series=2, points=2)),
+    66: (Panels("", "motor on the rod [mm]", series=3, points=200), Panels("", "height [mm]", series=3, points=200)),
+    67: PLAN,
+    68: (Panels("", "speed [mm/s]", series=1, points=200),),
+    69: (OVERSHOOTS,),
+}
+SHORT = {  # of a command: what makes it quick
+    "minimum-amplitude": "--frequency 6:16:6",
+    "lift-off-time": "--frequency 8:14.5:9 --amplitude 0.00002:0.0006:6 --cycles 20",
+    "map": "--frequency 5:18:8 --phase 0:6.2:7",
+    "height-amplitude": "--amplitude 0.001:0.008:4",
+    "two-frequency": "--alpha 0.06:1.1:4",
+    "jump-types": "--phi 0.57:0.63:5",
+    "height-phi": "--frequency 5:11:5 --phi 0.57:0.63:4",
+    "delay": "--delay 0:0.3:16 --frequency 8:11:3",
+    "alpha-fit": "--frequency 5:11:5 --phi 0.57:0.63:4",
+    "plan-heights": "--apex 0.03:0.04:2",
+    "plan-strategies": "--apex 0.03:0.04:2",
+}
+ELSEWHERE = {34: "the interactive jumper: test_demo.py"}
+DRAWN: dict[str, list[Figure]] = {}  # by command, as it was run
+
+
+def rows() -> dict[int, list[str]]:
+    """Commands of the figures that have one: that of the second column, and those that the third column names."""
+    out = {}
+    for number, command, text in re.findall(r"^\| (\d+) \| `jumpvision ([^`]+)` \| ([^|]*) \|", PAGE, re.M):
+        ground = "granular" if "granular" in command or "loose_sand" in command else "hard"
+        more = re.findall(r"by `(?:sweep (\w+) )?--analysis ([\w-]+)`", text)
+        out[int(number)] = [command, *(f"sweep {g or ground} --analysis {name}" for g, name in more)]
+    return out
+
+
+def test_every_row_with_a_command_is_looked_at():
+    assert set(rows()) == {*CLAIMS, *ELSEWHERE}
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory) -> Path:
+    """A folder in which the page's commands are run: its files, a campaign of slow intrusions, the samples."""
+    folder = tmp_path_factory.mktemp("figures")
+    shutil.copytree(ROOT / "data_samples", folder / "data_samples")
+    for page in ("figures", "laboratory"):
+        text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
+        for name, content in re.findall(r"<!-- file: (\S+) -->\n```\w*\n(.*?)```", text, re.S):
+            (folder / name).write_text(content, encoding="utf-8")
+    return folder
+
+
+@pytest.fixture
+def made(place, monkeypatch) -> Iterator[list[Figure]]:
+    """Every figure that is made."""
+    found: list[Figure] = []
+    whole = Figure.__init__
+
+    def kept(self, *args, **given):
+        whole(self, *args, **given)
+        found.append(self)
+
+    monkeypatch.setattr(Figure, "__init__", kept)
+    monkeypatch.chdir(place)
+    monkeypatch.setitem(os.environ, "OMP_NUM_THREADS", "1")
+    yield found
+
+
+def carried_out(command: str, made: list[Figure]) -> list[Figure]:
+    """The figures of a command of the page, run once."""
+    if command not in DRAWN:
+        words = shlex.split(command)
+        name = words[words.index("--analysis") + 1] if "--analysis" in words else ""
+        if words[:2] == ["run", "intrusions"] and not Path("intrusions").exists():
+            assert main(["synth", "intrusions.toml", "intrusions", "--workers", "1"]) == 0
+        if words[0] == "dem":
+            words += shlex.split("--beds 1")
+        if words[0] in ("run", "sweep"):
+            words += ["--workers", "1"]
+        made.clear()
+        results = ["--results", re.sub(r"\W+", "-", command)]
+        assert main([*words, *shlex.split(SHORT.get(name, "")), *results]) == 0
+        DRAWN[command] = list(made)
+    return DRAWN[command]
+
+
+def holds(axes: Axes, claim: Panels) -> bool:
+    """Whether a panel has what is claimed of it."""
+    lines = sum(len(line.get_xdata()) >= claim.points for line in axes.lines)
+    maps = [c.get_array().size for c in axes.collections if isinstance(c, QuadMesh)]
+    labels = claim.x in axes.get_xlabel() and claim.y in axes.get_ylabel()
+    return labels and lines >= claim.series and (not claim.cells or claim.cells in maps)
+
+
+@pytest.mark.parametrize("number", CLAIMS)
+def test_a_row_is_kept(number, made):
+    if any(word in rows()[number][0] for word in ("plan ", "plan-")):
+        pytest.importorskip("casadi", reason="planning needs CasADi: pip install 'jumpvision[plan]'")
+    figures = [f for command in rows()[number] for f in carried_out(command, made)]
+    for claim in CLAIMS[number]:
+        found = [a for f in figures for a in f.axes if holds(a, claim)]
+        told = [
+            (a.get_xlabel(), a.get_ylabel(), [len(x.get_xdata()) for x in a.lines][:6]) for f in figures for a in f.axes
+        ]
+        assert len(found) >= claim.panels, (claim, told)
+
+
+def test_a_claim_that_is_not_kept_is_seen():
+    figure = Figure()
+    axes = figure.subplots()
+    axes.plot(np.arange(5.0), np.arange(5.0))
+    axes.set(xlabel="time [s]", ylabel="height [mm]")
+    assert holds(axes, Panels("time", "height", series=1, points=5))
+    wrongs = ({"x": "depth"}, {"series": 2}, {"series": 1, "points": 6}, {"cells": 4})
+    for wrong in (Panels("time", "height")._replace(**w) for w in wrongs):
+        assert not holds(axes, wrong)
