@@ -122,7 +122,9 @@ class FilmTracker:
 
     def finish(self, frames: Frames) -> list[BallTrack]:
         """The tracks, the first ball's first. frames: the same film, for what was not kept of it."""
-        return [in_pieces(t, s.seed is not None) for t, s in zip(self._tracks(frames), self._settings, strict=True)]
+        tracks = zip(self._tracks(frames), self._settings, strict=True)
+        kept = AtHand(frames, self._samples.all, [w[0] for w in self._windows])
+        return [in_pieces(t, s.seed is not None, kept if s.method == "disc" else None, s.polarity) for t, s in tracks]
 
     def _tracks(self, frames: Frames) -> list[BallTrack]:
         if self.settings.method == "template":

@@ -151,12 +151,12 @@ def paths(by_frame: Mapping[int, Sequence[Spot]]) -> list[Path]:
                 # no ball flies farther than 15 diameters a frame
                 if (
                     (id(a), id(b)) in joined
-                    or not _like(a, b)
+                    or not like(a, b)
                     or math.hypot(b.x - a.x, b.y - a.y) > 15.0 * a.d * (b.i - a.i)
                 ):
                     continue
                 for c in (s for j in (b.i + 1, b.i + 2) for s in by_frame.get(j, ())):
-                    if _like(b, c) and _straight(a, b, c):
+                    if like(b, c) and _straight(a, b, c):
                         found.append(_longer([a, b, c], by_frame))
                         for m in (1, 2):  # a pair that leaves one out tells nothing more
                             joined |= {(id(s), id(t)) for s, t in zip(found[-1], found[-1][m:])}
@@ -184,7 +184,7 @@ def _filled(path: Path, by_frame: Mapping[int, Sequence[Spot]], taken: set[tuple
         other = path[j + 1] if j + 1 < len(path) else path[j - 1]
         speed = math.hypot(other.x - near.x, other.y - near.y) / abs(other.i - near.i)
         x, y = at(path, i)
-        free = [s for s in by_frame[i] if (s.i, s.x, s.y) not in taken and _like(near, s)]
+        free = [s for s in by_frame[i] if (s.i, s.x, s.y) not in taken and like(near, s)]
         # a hand lets go, or a ball bounces: off the path by no more than its speed
         free = [s for s in free if math.hypot(s.x - x, s.y - y) < 1.0 * speed + STEP * s.d]
         if len(free) == 1:
@@ -208,7 +208,8 @@ def at(path: Sequence[Spot], i: int) -> tuple[float, float]:
     return x, y
 
 
-def _like(a: Spot, b: Spot) -> bool:
+def like(a: Spot, b: Spot) -> bool:
+    """Whether two spots are alike in diameter and contrast."""
     return 1 / ALIKE < a.d / b.d < ALIKE and 1 / CONTRASTS < a.contrast / b.contrast < CONTRASTS
 
 
@@ -232,7 +233,7 @@ def _longer(path: list[Spot], by_frame: Mapping[int, Sequence[Spot]]) -> Path:
                 # the next lies near the parabola through the last
                 reach = (0.7 * last.d + 0.12 * speed) * (0.5 + 0.5 * gap)
                 near = [
-                    (math.hypot(s.x - x, s.y - y), s) for s in by_frame.get(last.i + end * gap, ()) if _like(last, s)
+                    (math.hypot(s.x - x, s.y - y), s) for s in by_frame.get(last.i + end * gap, ()) if like(last, s)
                 ]
                 off, best = min(near, key=lambda n: n[0], default=(math.inf, None))
                 if off < reach:

@@ -15,8 +15,9 @@ from jumpvision.films.frames.base import Frames
 from jumpvision.films.parameters import SMALLEST_BALL
 
 from .background import Background, View
-from .measure import DiscMeasure, Found, Start
-from .moving import MOST_FRAMES, AtHand, Path, Spot, at, elsewhere, moving_paths, still_scene
+from .identity import ball_at
+from .measure import Found, Start
+from .moving import MOST_FRAMES, AtHand, Path, Spot, at, elsewhere, like, moving_paths, still_scene
 from .pieces import without
 from .reasons import Flag, Reason
 from .track import BallSettings, BallTrack, BallTracker, as_track
@@ -27,6 +28,7 @@ PLACE, STAYS = 0.2, 3  # diameters; frames there
 ASKED = 3  # frames that are asked whether the same stands there without the ball
 STANDS = "doubt: the same stands here in frame {} while the ball is at ({:.0f}, {:.0f})"
 STILL = "doubt: stands still while something moves at ({:.0f}, {:.0f})"
+WHICH = "doubt: balls at ({:.0f}, {:.0f}) and ({:.0f}, {:.0f}) in frame {} may both be the one clicked"
 REMEDY = "; give track.seed = [column, row]"
 
 
@@ -49,6 +51,9 @@ def validated(track: BallTrack, frames: Frames, settings: BallSettings) -> BallT
         if seed := settings.seed:  # of those about as long as the longest: a shadow flies beside its ball
             # paths below 0.7 of the longest are not preferred for lying nearer to the seed
             ours = sorted(ours, key=lambda p: (len(p) < 0.7 * len(ours[0]), _distance_to_seed(p, seed)))
+        if seed and track.flag[0] and (two := _two_from(ours, seed)):
+            good[[s.i for s in ours[0]]] = True
+            return without(track, np.where(good, WHICH.format(*two), track.flag))
         if ours:
             # of 12 frames the median is a scene to take out
             moving = follow(ours[0], frames, settings, scene if len(frames) >= 12 else None)
@@ -60,7 +65,7 @@ def validated(track: BallTrack, frames: Frames, settings: BallSettings) -> BallT
                 )
         if still and good.sum() >= STAYS and len(frames) > STAYS:
             place = float(np.median(track.x[good])), float(np.median(track.y[good]))
-            fit = _ball_at(View.of(np.asarray(frames[int(np.flatnonzero(good)[0])])), *place, d, settings.polarity)
+            fit = ball_at(View.of(np.asarray(frames[int(np.flatnonzero(good)[0])])), *place, d, settings.polarity)
             contrast = abs(float(fit.fit.p[A] - fit.fit.p[B])) if fit is not None and fit.fit else 50.0
             other = elsewhere(frames, scene, *place, d, contrast)
             if other is not None:
@@ -144,9 +149,9 @@ def without_still_objects(track: BallTrack, frames: Frames, settings: BallSettin
             continue
         away = near_by if near_by.size >= ASKED else away
         nearest = int(members[np.argmin(np.hypot(track.x[members] - x, track.y[members] - y))])
-        here = _ball_at(kept.view(nearest), x, y, d, settings.polarity)
+        here = ball_at(kept.view(nearest), x, y, d, settings.polarity)
         asked = away[np.unique(np.linspace(0, away.size - 1, min(ASKED, away.size)).astype(int))]
-        there = (_ball_at(View.of(kept[int(g)]), x, y, d, settings.polarity) for g in asked)
+        there = (ball_at(View.of(kept[int(g)]), x, y, d, settings.polarity) for g in asked)
         if here is not None and all(t is not None and _same_object(here, t) for t in there):
             g = int(asked[0])
             flag[members] = STANDS.format(g, track.x[g], track.y[g])
@@ -175,17 +180,28 @@ def _begins(path: Path, seed: tuple[float, float], came: float) -> bool:
     return _distance_to_seed(path, seed) < 1.5 * first.d + came * speed * max(first.i, 0)
 
 
+def _two_from(ours: list[Path], seed: tuple[float, float]) -> tuple[float, ...] | None:
+    """Of paths that may have begun at a seed where no ball is seen: where two that are alike are at once, and when.
+    None where they are not, or where one of them alone began on the seed itself: that one is put first."""
+    for other in ours[1:]:
+        one = {s.i: s for s in ours[0]}
+        both = [(one[s.i], s) for s in other if s.i in one and like(one[s.i], s)]
+        if len(both) < 2:
+            continue
+        on = [math.dist(at(p, 0), seed) < 0.5 * p[0].d for p in (ours[0], other)]
+        if on[0] == on[1]:
+            a, b = both[0]
+            return a.x, a.y, b.x, b.y, a.i
+        if on[1]:
+            ours[:] = [other, *(p for p in ours if p is not other)]
+    return None
+
+
 def _distance_to_seed(path: Path, seed: tuple[float, float]) -> float:
     """From the seed to where a path begins, or would have in the first frame, whichever is nearer [px]."""
     first = path[0]
     x, y = at(path, 0) if first.i <= STAYS else (first.x, first.y)
     return min(math.hypot(first.x - seed[0], first.y - seed[1]), math.hypot(x - seed[0], y - seed[1]))
-
-
-def _ball_at(view: View, x: float, y: float, d: float, polarity: str) -> Found | None:
-    """What is fitted there as a ball, None where nothing is."""
-    found = DiscMeasure(d, polarity, False).measure(view, Start(x, y, d, 0.0, 0.0, True), fresh=True)
-    return found if not found.flag and math.hypot(found.x - x, found.y - y) < 0.4 * d else None
 
 
 def _same_object(one: Found, two: Found) -> bool:
