@@ -26,7 +26,8 @@ from .search import find_blobs
 from .unknowns import A, B
 
 SAMPLED = 41  # frames of which the scene is the median
-MOST_FRAMES = 400  # that are searched, from the first
+HEADS = (150, 400)  # frames from the first that decide how a film is followed; the more where the fewer show nothing
+MOST_FRAMES = HEADS[-1]
 ALIKE = 1.3  # largest ratio of diameters along a path, and CONTRASTS of contrasts
 CONTRASTS = 1.8
 FAR = 2.0
@@ -64,6 +65,24 @@ class AtHand:
     def _shape(self) -> tuple[int, int]:
         height, width = next(iter(self.whole.values())).shape
         return height, width
+
+
+class Head:
+    """The first n frames of a film. They decide how it is followed: a longer film as a shorter one."""
+
+    def __init__(self, frames: Frames, n: int):
+        self.film, self._n = frames, min(n, len(frames))
+
+    def __len__(self) -> int:
+        return self._n
+
+    def __getitem__(self, i: int, /) -> Image:
+        return np.asarray(self.film[i])
+
+
+def heads(frames: Frames) -> list[Head]:
+    """Of HEADS frames, as far as there are some."""
+    return [Head(frames, n) for k, n in enumerate(HEADS) if k == 0 or len(frames) > HEADS[k - 1]]
 
 
 @dataclass(frozen=True)
