@@ -81,7 +81,8 @@ class _Way:
         # a hand that holds the ball changes how it looks
         main = max(range(len(self.pieces)), key=lambda k: (self._reach[k] > DRIFT, self.pieces[k].size))
         moves = self.pieces[0].size > 1 and self._reach[0] > DRIFT
-        if first and main and (moves or self._beside(self.pieces[0], self.pieces[1]) is not None):
+        others = {1, main} if first and main else set[int]()
+        if others and (moves or any(self._beside(self.pieces[0], self.pieces[k]) is not None for k in others)):
             main = 0
         self._look = _Look(self._track, self._good, self.pieces[main])
         return main
@@ -89,7 +90,7 @@ class _Way:
     def against(self, k: int, last: Ints, clicked: bool) -> str:
         """Why piece k is not of the ball that the piece `last` is of; empty where nothing says so."""
         p = self.pieces[k]
-        if p.size == 1 and not clicked:
+        if not clicked and (p.size == 1 or (p.size == 2 and self._reach[k] > SAME * self._d)):  # no two are a way
             return ALONE
         if why := self._look.other(p):
             return why
@@ -174,9 +175,11 @@ def _linked(good: Ints, at: Array, d: float, track: BallTrack) -> NDArray[np.boo
     out = same.copy()
     for turn in (1, -1):  # the motion before leads on, or the motion after back
         v_k, gap_k = v[::turn], gap[::turn]
-        off = np.hypot(*(v_k[1:] - v_k[:-1]).T) * gap_k[1:]
+        off = np.hypot(*(v_k[1:] - v_k[:-1]).T) * np.maximum(gap_k[1:], gap_k[:-1])
         speed = np.hypot(*v_k[:-1].T)
-        smooth = (off < gap_k[1:] * (BENT * speed + STEP * d)) & near[::turn][1:] & near[::turn][:-1]
+        smooth = (
+            (off < np.maximum(gap_k[1:], gap_k[:-1]) * BENT * speed + STEP * d) & near[::turn][1:] & near[::turn][:-1]
+        )
         # three rows in a line are one piece
         three = np.zeros(len(v), bool)
         three[1:] |= smooth
