@@ -31,7 +31,7 @@ from .recordings import SCALE_OF_PIXELS, height_share, in_pixels, open_film, oth
 SAY_FROM = 3.0  # sigma: smaller shifts by the exposure, left in a frame beside a gap, are not worth a warning
 
 
-@stage(version=11)
+@stage(version=12)
 def track(
     film: RodVideo,
     calibration: Calibration | None,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,8 +12,9 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.parameters import of_keywords
-from jumpvision.base.schema import InputError
+from jumpvision.base.schema import InputError, StageWarning
 from jumpvision.films.parameters import PivParams
+from jumpvision.films.vision.compression import coding
 from jumpvision.films.vision.piv.engine import Usable, best_prefilter
 from jumpvision.films.vision.piv.light import light_of
 from jumpvision.films.vision.piv.pair import REASONS
@@ -59,7 +61,10 @@ def piv(
     time, at = np.arange(len(frames)) / frame_rate, Places("images", scale, 0.0, 0.0, 0.0)
     head = header(time, frames[0].shape, at, prefilter, 1, p)
     lit = (light(frame, k) for k, frame in enumerate(frames))
-    fields = [velocities(f, scale, p.gap / frame_rate) for f in fields_of(lit, masks, prefilter, 1, p, begun)]
+    coded, said = coding(film, frames)
+    if said:
+        warnings.warn(StageWarning("frames", said), stacklevel=2)
+    fields = [velocities(f, scale, p.gap / frame_rate, coded) for f in fields_of(lit, masks, prefilter, 1, p, begun)]
     if not any(np.isfinite(f.u).any() for f in fields):
         raise ValueError(f"piv: no vector in the field: {reasons(fields[0])}")
     whole = xr.concat(fields, dim="t").assign_coords(head.coords).assign_attrs(head.attrs)
