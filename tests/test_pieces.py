@@ -46,6 +46,20 @@ def test_a_row_without_a_neighbour_is_flagged():
     assert (np.flatnonzero(out.flag == "") == np.r_[0:10, 20:N]).all()
 
 
+def test_two_rows_far_apart_are_no_way():
+    made = track(
+        lost=[k for k in range(10, 20) if k not in (14, 15)], x={14: 260.0, 15: 150.0}, y={14: 90.0, 15: 180.0}
+    )
+    out = in_pieces(made, True)
+    assert all("no neighbour" in f for f in out.flag[[14, 15]]) and (out.flag[:10] == "").all()
+
+
+def test_a_row_off_the_way_of_its_neighbours_is_flagged():
+    """By two thirds of a diameter, in a parabola that the others keep to; a bounce is none such."""
+    out = in_pieces(track(x={17: 20.0 + 170.0 + 8.0}), True)
+    assert (np.flatnonzero(out.flag != "") == [17]).all() and "off the way of its neighbours by 8 px" in out.flag[17]
+
+
 def test_a_short_piece_that_stands_is_flagged():
     still = range(25, 31)
     out = in_pieces(track(x=dict.fromkeys(still, 30.0), y=dict.fromkeys(still, 50.0)), True)

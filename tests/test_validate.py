@@ -137,6 +137,49 @@ def test_a_ball_at_rest_is_no_doubt():
         assert (t.flag == "").all()
 
 
+def alike(ways, rng, behind=60.0):
+    """Balls of one kind on ways (k, n, 2), the first before the others."""
+    frames = []
+    for places in np.swapaxes(ways, 0, 1):
+        picture = np.full((H, W), behind)
+        for x, y in places[::-1]:
+            picture += (210.0 - picture) * cover(x, y, D)
+        frames.append(np.clip(np.rint(picture + rng.normal(0, 1.0, (H, W))), 0, 255).astype(np.uint8))
+    return np.array(frames)
+
+
+def test_a_ball_is_not_taken_for_its_like_that_was_seen_beside_it():
+    """It turns back behind a post while its like comes out of there on its old way: no row is of the other."""
+    i = np.arange(24)
+    one = np.stack([20.0 + 10.0 * np.minimum(i, 24 - i), 60.0 + 3.0 * np.maximum(i - 12, 0)], axis=1)
+    other = np.stack([-12.0 + 12.0 * i, 140.0 - 6.5 * i], axis=1)
+    frames = alike(np.stack([one, other]), np.random.default_rng(11))
+    frames[:, :, 124:156] = 60
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        t = of_arrays(frames, diameter=D, seed=tuple(one[0]))
+    off = np.hypot(t.x_px - one[:, 0], t.y_px - one[:, 1])
+    assert (t.flag[:10] == "").all() and np.nanmax(off) < 0.1
+    assert any("seen beside the one before" in f for f in t.flag)
+
+
+@pytest.mark.parametrize("far", [0.0, 40.0])
+def test_a_click_between_two_balls_that_leave_the_border_names_both(far):
+    """Nothing is seen of either in the first frame; the click is as near to one as to the other: no row, and why. Of a
+    click on one of them, the other `far` away [px], that one."""
+    i = np.arange(12)
+    one = np.stack([150.0 + 14.0 * i, 199.0 - 14.0 * i], axis=1)
+    other = np.stack([150.0 - far - 12.0 * i, 199.0 - 13.0 * i], axis=1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        t = of_arrays(alike(np.stack([one, other]), np.random.default_rng(12)), diameter=D, seed=(150.0, 198.0))
+    if far:
+        assert (t.flag == "").sum() >= 8
+        assert np.nanmax(np.hypot(t.x_px - one[:, 0], t.y_px - one[:, 1])) < 0.1
+    else:
+        assert (t.flag != "").all() and any("may both be the one clicked" in f for f in t.flag)
+
+
 @pytest.mark.parametrize("there", [False, True])
 def test_frames_on_a_smudge_are_flagged(there):
     """A track that goes on at a smudge after its ball has left the picture: the same is there in the frames before.

@@ -52,6 +52,28 @@ SHORT_WAVES = Calibrated(
     "2026-11-25",
     "validate.unresolved",
 )
+CODED_OFF = Calibrated(
+    0.09,
+    "px, rms error of a displacement where a codec has few bits a pixel: drawn particles of 3 and 5 px and grains, "
+    "moved by 0.07 to 0.8 px, H.264 (x264, crf 12 to 30, bits 0.15 to 1.2) and MPEG-4",
+    "tests/test_compression.py",
+    "2026-11-25",
+    "vision.compression: added to sigma of vectors",
+)
+CODED_BITS = Calibrated(
+    0.35,
+    "bits a pixel by which that error has halved; below, it falls with their square",
+    "tests/test_compression.py",
+    "2026-11-25",
+    "vision.compression",
+)
+OLD_CODEC = Calibrated(
+    4.0,
+    "times as many bits that a codec older than H.264 needs for the same (MPEG-4 alone)",
+    "tests/test_compression.py",
+    "2026-11-25",
+    "vision.compression",
+)
 SHORTEST_WAVES = Calibrated(
     1.5,
     f"the shortest waves that are told from those, 1 being such; {UNKNOWN}",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,8 +12,9 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.parameters import of_keywords
-from jumpvision.base.schema import InputError
+from jumpvision.base.schema import InputError, StageWarning
 from jumpvision.films.parameters import PivParams
+from jumpvision.films.vision.compression import coding
 from jumpvision.films.vision.piv.engine import Usable, best_prefilter
 from jumpvision.films.vision.piv.light import light_of
 from jumpvision.films.vision.piv.pair import REASONS
@@ -65,8 +67,11 @@ def piv(
     prefilter, begun = best_prefilter(first, second, mask=masks, gap=p.gap, **matching(p))
     head = header(time, frames[0].shape, Places("images", scale, 0.0, 0.0, 0.0), prefilter, stride, p)
     lit = (light(frame, k) for k, frame in enumerate(frames))
+    coded, said = coding(film, frames)
+    if said:
+        warnings.warn(StageWarning("frames", said), stacklevel=2)
     apart = float(time[p.gap] - time[0])
-    fields = [velocities(f, scale, apart) for f in fields_of(lit, masks, prefilter, stride, p, begun)]
+    fields = [velocities(f, scale, apart, coded) for f in fields_of(lit, masks, prefilter, stride, p, begun)]
     if not any(np.isfinite(f.u).any() for f in fields):
         raise ValueError(f"piv: no vector in the field: {reasons(fields[0])}")
     whole = xr.concat(fields, dim="t").assign_coords(head.coords).assign_attrs(head.attrs)

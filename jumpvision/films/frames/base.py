@@ -43,7 +43,8 @@ class Clock(NamedTuple):
 
 
 class Known(TypedDict, total=False):
-    """What a film's file says of itself; bit_depth of a grey value, exposure_s [s], recorded_rate_hz [Hz]."""
+    """What a film's file says of itself; bit_depth of a grey value, exposure_s [s], recorded_rate_hz [Hz];
+    bits_per_pixel that it has of each frame, where its codec loses some and predicts frames from others."""
 
     format: Required[str]
     bit_depth: Required[int]
@@ -51,6 +52,7 @@ class Known(TypedDict, total=False):
     recorded_rate_hz: float
     camera: str
     codec: str
+    bits_per_pixel: float
     pixels: str
     data_set: str
     first_frame: int

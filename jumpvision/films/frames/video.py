@@ -73,6 +73,8 @@ class VideoFilm(Film):
 
         dtype, depth = grey_type(av.VideoFormat(name))
         meta: Known = {"format": scan.format, "codec": scan.codec, "pixels": name, "bit_depth": depth}
+        if predicts(scan.codec):
+            meta["bits_per_pixel"] = 8.0 * path.stat().st_size / max(n * height * width, 1)
         if scan.rate > 0:
             meta["recorded_rate_hz"] = scan.rate
         super().__init__(
@@ -149,6 +151,17 @@ class VideoFilm(Film):
         if getattr(self, "_container", None) is not None:
             self._container.close()
         self._container = None
+
+
+def predicts(codec: str) -> bool:
+    """Whether a codec loses something, and makes frames from others."""
+    import av
+
+    try:
+        known = av.codec.Codec(codec, "r")
+    except av.codec.codec.UnknownCodecError:
+        return False
+    return bool(known.lossy and not known.intra_only)
 
 
 def flow(steps: Iterator[Step]) -> Iterator[VideoFrame]:

@@ -22,6 +22,7 @@ from jumpvision.experiment.workflow.stage import StageWarning, stage
 from jumpvision.films.arrays.velocities import Places, ends, fields_of, header, matching, of_fields, velocities
 from jumpvision.films.frames import Film
 from jumpvision.films.parameters import PivParams
+from jumpvision.films.vision.compression import coding
 from jumpvision.films.vision.foot_face import FootTrack, track_foot
 from jumpvision.films.vision.piv.engine import Usable, best_prefilter
 from jumpvision.films.vision.piv.light import Light, light_of
@@ -69,6 +70,9 @@ def piv(
         usable = both(foot_mask(foot, frames.shape, film, robot), given_mask(given, mask, calibration))
         light = light_of(frames, stride, p)
         # chosen once, so that the processes' parts of a film are alike
+        coded, said = coding(frames, frames)
+        if said:
+            warnings.warn(StageWarning("frames", said, film.name), stacklevel=2)
         first, second = light(frames[0], 0), light(frames[p.gap], p.gap)
         prefilter, _ = best_prefilter(first, second, mask=usable, gap=p.gap, **matching(p))
         data = header(frames.time, frames.shape, placed(film), prefilter, stride, p)
@@ -77,7 +81,7 @@ def piv(
         job = Job(given, mask, calibration, robot, foot, light, prefilter, stride, p)
         begin, end = ends(frames.time, stride, p)
         fields, scale = matched(frames, job, usable), film.scale
-        return Piv.write(data, (velocities(f, scale, d) for f, d in zip(fields, of_fields(end - begin, p))))
+        return Piv.write(data, (velocities(f, scale, d, coded) for f, d in zip(fields, of_fields(end - begin, p))))
 
 
 def stride_of(film: GrainVideo, p: PivParams) -> int:

@@ -16,13 +16,13 @@ from jumpvision.films.frames.base import Frames
 
 from .background import LEAST_VIEWS, SceneSum, View, Window
 from .measure import AS_THEY_ARE, Block, Found, window_half
-from .moving import MOST_FRAMES, AtHand, still_scene
+from .moving import HEADS, AtHand, Head, still_scene
 from .pieces import in_pieces
 from .reasons import Flag, Reason
 from .refine import refined
 from .track import BallSettings, BallTrack, BallTracker, as_track
 from .unknowns import WX, WY, A
-from .validate import is_still, validated, without_still_objects
+from .validate import LOST, MORE, is_still, validated, without_still_objects
 
 VIEWS = 100  # frames that all count for the scene; of the next 100 every second does, of the next 200 every fourth ...
 KEPT = 2**25  # bytes of a short film, kept whole for its last fit; of each kind of samples
@@ -122,7 +122,9 @@ class FilmTracker:
 
     def finish(self, frames: Frames) -> list[BallTrack]:
         """The tracks, the first ball's first. frames: the same film, for what was not kept of it."""
-        return [in_pieces(t, s.seed is not None) for t, s in zip(self._tracks(frames), self._settings, strict=True)]
+        tracks = zip(self._tracks(frames), self._settings, strict=True)
+        kept = AtHand(frames, self._samples.all, [w[0] for w in self._windows])
+        return [in_pieces(t, s.seed is not None, kept if s.method == "disc" else None, s.polarity) for t, s in tracks]
 
     def _tracks(self, frames: Frames) -> list[BallTrack]:
         if self.settings.method == "template":
@@ -141,17 +143,9 @@ class FilmTracker:
         """Proves the track while the balls are measured again without the scene, and takes the better one."""
         first = [as_track(list(f)) for f in zip(*self._found, strict=True)]
         if len(first) == 1:
-            sure = validated(first[0], frames, self.settings)
-            dark = self.settings.polarity == "dark"
-            unsure = self.settings.seed is None and self.still
-            if unsure and (dark or is_still(sure)):
-                from .appearance.flight import in_flight, is_shadow  # loaded where it is asked
-
-                scene = still_scene(frames)
-                if is_still(sure) or is_shadow(sure, frames, scene):
-                    flying = in_flight(frames, scene, self.settings.diameter, None)
-                    if flying is not None:
-                        return [replace(flying, notes=(FLYING,))]
+            sure = validated(first[0], frames, self.settings, self._flying)
+            if FLYING in sure.notes:
+                return [sure]
             if sure is not first[0]:
                 self._enough = True
                 return self._refined([sure])
@@ -161,6 +155,24 @@ class FilmTracker:
         if len(second) == 1 and not self.settings.streak:  # a sticker's remains, where the ball has left
             second = [without_still_objects(second[0], frames, self.settings)]
         return self._refined([b if _better(a, b) else a for a, b in zip(first, second, strict=True)])
+
+    def _flying(self, track: BallTrack, head: Head) -> BallTrack | None:
+        """A ball of any face that nobody clicked, where it flies and is found more often than the disc; or None."""
+        n, dark = len(head), self.settings.polarity == "dark"
+        still = is_still(track, slice(0, n))
+        seen = np.flatnonzero(track.flag[:n] == "")
+        # a ball that has left is not lost
+        holes = not still and bool(np.mean(track.flag[seen[0] : seen[-1] + 1] != "") > LOST)
+        if self.settings.seed is not None or not self.still or not (still or holes or dark):
+            return None
+        from .appearance.flight import in_flight, is_shadow  # loaded where it is asked
+
+        scene = still_scene(head)
+        other = still or (dark and is_shadow(track, head, scene))
+        flying = in_flight(head.film, scene, self.settings.diameter, None, n) if other or holes else None
+        if flying is None or not (other or np.count_nonzero(flying.flag[:n] == "") > MORE * seen.size):
+            return None
+        return replace(flying, notes=(FLYING,))
 
     def _refined(self, tracks: list[BallTrack]) -> list[BallTrack]:
         """With what all frames share taken from all, where the still scene may be taken out and the ball is alone."""
@@ -259,6 +271,6 @@ def _stride(i: int) -> int:
 
 def _better(first: BallTrack, again: BallTrack) -> bool:
     """Whether a second track loses no more of the first frames, and is no less certain there."""
-    look = slice(0, MOST_FRAMES)
+    look = slice(0, HEADS[0])
     lost = np.count_nonzero(again.flag[look] != "") > np.count_nonzero(first.flag[look] != "")
     return not (lost or np.nanmedian(again.sigma[look]) > np.nanmedian(first.sigma[look]))

@@ -26,7 +26,8 @@ from .search import find_blobs
 from .unknowns import A, B
 
 SAMPLED = 41  # frames of which the scene is the median
-MOST_FRAMES = 400  # that are searched, from the first
+HEADS = (150, 400)  # frames from the first that decide how a film is followed; the more where the fewer show nothing
+MOST_FRAMES = HEADS[-1]
 ALIKE = 1.3  # largest ratio of diameters along a path, and CONTRASTS of contrasts
 CONTRASTS = 1.8
 FAR = 2.0
@@ -64,6 +65,24 @@ class AtHand:
     def _shape(self) -> tuple[int, int]:
         height, width = next(iter(self.whole.values())).shape
         return height, width
+
+
+class Head:
+    """The first n frames of a film. They decide how it is followed: a longer film as a shorter one."""
+
+    def __init__(self, frames: Frames, n: int):
+        self.film, self._n = frames, min(n, len(frames))
+
+    def __len__(self) -> int:
+        return self._n
+
+    def __getitem__(self, i: int, /) -> Image:
+        return np.asarray(self.film[i])
+
+
+def heads(frames: Frames) -> list[Head]:
+    """Of HEADS frames, as far as there are some."""
+    return [Head(frames, n) for k, n in enumerate(HEADS) if k == 0 or len(frames) > HEADS[k - 1]]
 
 
 @dataclass(frozen=True)
@@ -151,12 +170,12 @@ def paths(by_frame: Mapping[int, Sequence[Spot]]) -> list[Path]:
                 # no ball flies farther than 15 diameters a frame
                 if (
                     (id(a), id(b)) in joined
-                    or not _like(a, b)
+                    or not like(a, b)
                     or math.hypot(b.x - a.x, b.y - a.y) > 15.0 * a.d * (b.i - a.i)
                 ):
                     continue
                 for c in (s for j in (b.i + 1, b.i + 2) for s in by_frame.get(j, ())):
-                    if _like(b, c) and _straight(a, b, c):
+                    if like(b, c) and _straight(a, b, c):
                         found.append(_longer([a, b, c], by_frame))
                         for m in (1, 2):  # a pair that leaves one out tells nothing more
                             joined |= {(id(s), id(t)) for s, t in zip(found[-1], found[-1][m:])}
@@ -184,7 +203,7 @@ def _filled(path: Path, by_frame: Mapping[int, Sequence[Spot]], taken: set[tuple
         other = path[j + 1] if j + 1 < len(path) else path[j - 1]
         speed = math.hypot(other.x - near.x, other.y - near.y) / abs(other.i - near.i)
         x, y = at(path, i)
-        free = [s for s in by_frame[i] if (s.i, s.x, s.y) not in taken and _like(near, s)]
+        free = [s for s in by_frame[i] if (s.i, s.x, s.y) not in taken and like(near, s)]
         # a hand lets go, or a ball bounces: off the path by no more than its speed
         free = [s for s in free if math.hypot(s.x - x, s.y - y) < 1.0 * speed + STEP * s.d]
         if len(free) == 1:
@@ -208,7 +227,8 @@ def at(path: Sequence[Spot], i: int) -> tuple[float, float]:
     return x, y
 
 
-def _like(a: Spot, b: Spot) -> bool:
+def like(a: Spot, b: Spot) -> bool:
+    """Whether two spots are alike in diameter and contrast."""
     return 1 / ALIKE < a.d / b.d < ALIKE and 1 / CONTRASTS < a.contrast / b.contrast < CONTRASTS
 
 
@@ -232,7 +252,7 @@ def _longer(path: list[Spot], by_frame: Mapping[int, Sequence[Spot]]) -> Path:
                 # the next lies near the parabola through the last
                 reach = (0.7 * last.d + 0.12 * speed) * (0.5 + 0.5 * gap)
                 near = [
-                    (math.hypot(s.x - x, s.y - y), s) for s in by_frame.get(last.i + end * gap, ()) if _like(last, s)
+                    (math.hypot(s.x - x, s.y - y), s) for s in by_frame.get(last.i + end * gap, ()) if like(last, s)
                 ]
                 off, best = min(near, key=lambda n: n[0], default=(math.inf, None))
                 if off < reach:

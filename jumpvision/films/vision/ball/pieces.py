@@ -1,8 +1,8 @@
 """A track in pieces: rows that lead from one to the next. What is no piece of the ball's way is flagged.
 
-Two rows belong together where the motion before, or the motion after, leads from one to the other. The piece of most
-rows that moves is the ball; others are kept where they are within its reach, look like it and do not merely stand.
-Only rows near a row decide on it, and what the longest piece looks like.
+Two rows belong together where the motion before, or the motion after, leads from one to the other, and neither ball was
+seen beside the other. The piece of most rows that moves is the ball; others are kept where they are within its reach,
+look like it and do not merely stand. Only rows near a row decide on it, and what the longest piece looks like.
 """
 
 from __future__ import annotations
@@ -11,62 +11,142 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import FROM_MAD, Array
+from jumpvision.films.frames.base import Frames
 
+from .identity import seen_beside
 from .moving import BENT, HOLE, STEP
 from .track import BallTrack
 
 Ints = NDArray[np.int64]
 SHORT, DRIFT = 15, 5.0  # rows, px: a piece that is no longer and drifts less stands
+SHARP, MOST = (0.5, 4.0), 20  # diameters and medians off a parabola that are asked about; rows of a film
 SAME = 0.5  # diameters: found again where it was lost
 OTHER_GREY, OTHER_SIZE, SCATTER = 0.05, 0.08, 6.0  # of contrast, of the diameter; standard deviations
+STRAY = 0.25  # of what a row is off: so well its neighbours agree
+OFF = "doubt: off the way of its neighbours by {:.0f} px"
 ALONE = "doubt: no neighbour within reach"
 STANDS = "doubt: {} rows that stand still, out of reach of the others"
 FAR = "doubt: out of reach of the track before, by {:.0f} px"
+BESIDE = "doubt: another ball, seen beside the one before in frame {}"
 ALIKE = "doubt: balls alike were seen between"
 OTHER = "doubt: another thing ({} {:.4g} instead of {:.4g})"
 
 
-def in_pieces(track: BallTrack, clicked: bool) -> BallTrack:
-    """The track with those rows flagged that are no part of the ball's way. clicked: the first frame's is the ball."""
+def in_pieces(track: BallTrack, clicked: bool, frames: Frames | None = None, polarity: str = "bright") -> BallTrack:
+    """The track with those rows flagged that are no part of the ball's way. clicked: the first frame's is the ball.
+    frames: where given, the balls on both sides of a hole or sharp turn are looked for in them, see `identity`."""
+    track = _without_strays(track)
     good = np.flatnonzero(track.flag == "")
     if len(track.flag) < 4 or good.size == 0:
         return track
-    d = float(np.median(track.diameter[good]))
-    at = np.stack([track.x[good], track.y[good]], axis=1)
-    pieces = np.split(np.arange(good.size), np.flatnonzero(~_linked(good, at, d, track)) + 1)
-    if len(pieces) == 1 and (good.size > 1 or clicked):
+    way = _Way(track, good, frames, polarity)
+    if len(way.pieces) == 1 and (good.size > 1 or clicked):
         return track
-    reach = [float(np.hypot(*np.ptp(at[p], axis=0))) for p in pieces]
     first = clicked and good[0] == 0
-    # a hand that holds the ball changes how it looks
-    main = max(range(len(pieces)), key=lambda k: (reach[k] > DRIFT, pieces[k].size))
-    if first and pieces[0].size > 1 and reach[0] > DRIFT:
-        main = 0
+    main = way.main(first)
     flag = track.flag.astype(object)
-    look = _Look(track, good, pieces[main])
-    for order in (range(main + 1, len(pieces)), range(main - 1, -1, -1)):
-        last = pieces[main]
+    for order in (range(main + 1, len(way.pieces)), range(main - 1, -1, -1)):
+        last, why = way.pieces[main], ""
         for k in order:
-            p = pieces[k]
-            why = look.other(p)
-            if p.size == 1 and not (first and k == 0):
-                why = ALONE
-            elif not why and p.size <= SHORT and reach[k] < DRIFT and not (first and k == 0):
-                why = STANDS.format(p.size)
-            elif not why:
-                before, after = (last, p) if order.step > 0 else (p, last)
-                off = _beyond(good, at, d, before, after)
-                why = FAR.format(off) if off > 0 else ""
-                if _alike_between(track, good[before[-1]], good[after[0]]):
-                    why = ALIKE
+            # once another ball was followed, nothing proves which is found next
+            why = ALIKE if why.startswith(BESIDE[:20]) or why == ALIKE else way.against(k, last, first and k == 0)
             if why:
-                flag[good[p]] = why
+                flag[good[way.pieces[k]]] = why
             else:
-                last = p
-    if pieces[main].size == 1 and not first:
-        flag[good[pieces[main]]] = ALONE
+                last = way.pieces[k]
+    if way.pieces[main].size == 1 and not first:
+        flag[good[way.pieces[main]]] = ALONE
     if (flag == track.flag).all():
         return track
+    return without(track, flag)
+
+
+class _Way:
+    """A track's good rows in pieces, and what speaks against each. pieces: indices into the good rows."""
+
+    def __init__(self, track: BallTrack, good: Ints, frames: Frames | None, polarity: str):
+        self._track, self._good, self._frames, self._polarity = track, good, frames, polarity
+        self._d = float(np.median(track.diameter[good]))
+        self._at = np.stack([track.x[good], track.y[good]], axis=1)
+        linked = _linked(good, self._at, self._d, track)
+        for k in self._turns(linked):
+            begin = max((j + 1 for j in np.flatnonzero(~linked[:k])), default=0)
+            end = min((j + 1 for j in np.flatnonzero(~linked[k + 1 :]) + k + 1), default=good.size)
+            linked[k] = self._beside(np.arange(begin, k + 1), np.arange(k + 1, end)) is None
+        self.pieces = np.split(np.arange(good.size), np.flatnonzero(~linked) + 1)
+        self._reach = [float(np.hypot(*np.ptp(self._at[p], axis=0))) for p in self.pieces]
+
+    def main(self, first: bool) -> int:
+        """The ball's own piece. first: the first row is of the ball."""
+        # a hand that holds the ball changes how it looks
+        main = max(range(len(self.pieces)), key=lambda k: (self._reach[k] > DRIFT, self.pieces[k].size))
+        moves = self.pieces[0].size > 1 and self._reach[0] > DRIFT
+        others = {1, main} if first and main else set[int]()
+        if others and (moves or any(self._beside(self.pieces[0], self.pieces[k]) is not None for k in others)):
+            main = 0
+        self._look = _Look(self._track, self._good, self.pieces[main])
+        return main
+
+    def against(self, k: int, last: Ints, clicked: bool) -> str:
+        """Why piece k is not of the ball that the piece `last` is of; empty where nothing says so."""
+        p = self.pieces[k]
+        if not clicked and (p.size == 1 or (p.size == 2 and self._reach[k] > SAME * self._d)):  # no two are a way
+            return ALONE
+        if why := self._look.other(p):
+            return why
+        before, after = (last, p) if p[0] > last[0] else (p, last)
+        between = self._track.flag[self._good[before[-1]] + 1 : self._good[after[0]]]
+        short = p.size <= SHORT or any("left the image" in f for f in between)
+        if short and self._reach[k] < DRIFT and not clicked:
+            return STANDS.format(p.size)
+        if any("alike" in f for f in between):
+            return ALIKE
+        if (off := _beyond(self._good, self._at, self._d, before, after)) > 0:
+            return FAR.format(off)
+        if (frame := self._beside(before, after)) is not None:
+            return BESIDE.format(frame)
+        return ""
+
+    def _turns(self, linked: NDArray[np.bool_]) -> list[int]:
+        """Joints that a hole or a sharp turn is at, the sharpest first."""
+        if self._frames is None or linked.size < 4:
+            return []
+        sharp = _off_parabolas(self._good.astype(float), self._at)
+        sharp = np.where(sharp > max(SHARP[0] * self._d, SHARP[1] * float(np.median(sharp))), sharp, 0.0)
+        some = np.argsort(-sharp)[:MOST]
+        return [int(k) for k in some if linked[k] and sharp[k] > 0]
+
+    def _beside(self, before: Ints, after: Ints) -> int | None:
+        if self._frames is None:
+            return None
+        return seen_beside(self._track, self._frames, self._polarity, self._good[before], self._good[after])
+
+
+def _without_strays(track: BallTrack) -> BallTrack:
+    """With single rows flagged that are off the way that the two before and the two after share."""
+    good = np.flatnonzero(track.flag == "")
+    if good.size < 5:
+        return track
+    d, at = float(np.median(track.diameter[good])), np.stack([track.x[good], track.y[good]], axis=1)
+    t = np.stack([good[k : good.size - 4 + k] for k in range(5)]).astype(float)
+    p = np.stack([at[k : len(at) - 4 + k] for k in range(5)])
+    # Newton's divided differences of the four: their parabola, and by how much the fourth is off it
+    a, b, c, e = 0, 1, 3, 4
+    first = [(p[j] - p[i]) / (t[j] - t[i])[:, None] for i, j in ((a, b), (b, c), (c, e))]
+    second = [
+        (w - v) / (t[j] - t[i])[:, None] for v, w, i, j in ((first[0], first[1], a, c), (first[1], first[2], b, e))
+    ]
+    third = np.hypot(*((second[1] - second[0]) / (t[e] - t[a])[:, None]).T)
+    mean = 0.5 * (second[0] + second[1])
+    there = p[b] + first[1] * (t[2] - t[b])[:, None] + mean * ((t[2] - t[b]) * (t[2] - t[c]))[:, None]
+    off = np.hypot(*(p[2] - there).T)
+    smooth = third * (t[e] - t[a]) * (t[e] - t[b]) * (t[e] - t[c]) < STRAY * off
+    stray = np.flatnonzero(smooth & (off > SAME * d) & (t[e] - t[a] <= HOLE))
+    if not stray.size:
+        return track
+    flag = track.flag.astype(object)
+    for k in stray:
+        flag[good[k + 2]] = OFF.format(off[k])
     return without(track, flag)
 
 
@@ -95,9 +175,11 @@ def _linked(good: Ints, at: Array, d: float, track: BallTrack) -> NDArray[np.boo
     out = same.copy()
     for turn in (1, -1):  # the motion before leads on, or the motion after back
         v_k, gap_k = v[::turn], gap[::turn]
-        off = np.hypot(*(v_k[1:] - v_k[:-1]).T) * gap_k[1:]
+        off = np.hypot(*(v_k[1:] - v_k[:-1]).T) * np.maximum(gap_k[1:], gap_k[:-1])
         speed = np.hypot(*v_k[:-1].T)
-        smooth = (off < gap_k[1:] * (BENT * speed + STEP * d)) & near[::turn][1:] & near[::turn][:-1]
+        smooth = (
+            (off < np.maximum(gap_k[1:], gap_k[:-1]) * BENT * speed + STEP * d) & near[::turn][1:] & near[::turn][:-1]
+        )
         # three rows in a line are one piece
         three = np.zeros(len(v), bool)
         three[1:] |= smooth
@@ -112,7 +194,7 @@ def _linked(good: Ints, at: Array, d: float, track: BallTrack) -> NDArray[np.boo
         # the next pair is of one piece and this step is no longer than twice its own
         joined[:-1] = o[1:] & near_k[:-1] & (speed[:-1] < 2.0 * speed[1:] + STEP * d)
         held |= joined[::turn]
-    both = held & ~out
+    both = held & ~out & (gap == 1)  # behind something it may have done anything: its pieces are looked at
     # each of the two has a neighbour of its own
     both[1:] &= out[:-1]
     both[:-1] &= out[1:]
@@ -128,9 +210,16 @@ def _linked(good: Ints, at: Array, d: float, track: BallTrack) -> NDArray[np.boo
     return out
 
 
-def _alike_between(track: BallTrack, first: int, last: int) -> bool:
-    """Whether in frames between two others several balls were alike."""
-    return any("alike" in f for f in track.flag[first + 1 : last])
+def _off_parabolas(t: Array, at: Array) -> Array:
+    """(n - 1,): how far each row is from the parabola through the three before it, or the one before it from that
+    through the three after, whichever is more [px]: third divided differences."""
+    differences = at
+    for order in (1, 2, 3):
+        differences = np.diff(differences, axis=0) / (t[order:] - t[:-order])[:, None]
+    third, out = np.hypot(*differences.T), np.zeros(t.size - 1)
+    out[2:] = third * np.prod([t[3:] - t[k : k - 3] for k in range(3)], axis=0)
+    out[:-2] = np.maximum(out[:-2], third * np.prod([t[3 - k : t.size - k] - t[:-3] for k in range(3)], axis=0))
+    return out
 
 
 def _beyond(good: Ints, at: Array, d: float, before: Ints, after: Ints) -> float:

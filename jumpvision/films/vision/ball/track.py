@@ -215,7 +215,10 @@ class BallTracker:
         if self.seed is not None:
             sx, sy = self.seed
             found.sort(key=lambda f: math.hypot(f.x - sx, f.y - sy))
-            near = [f for f in found[:1] if math.hypot(f.x - sx, f.y - sy) < max(0.6, self.search) * f.diameter]
+            away = [math.hypot(f.x - sx, f.y - sy) / f.diameter for f in found]
+            near = [f for f, a in zip(found, away) if a < max(0.6, self.search)]
+            if len(near) > 1 and away[0] > 0.5:  # the click is on none of them
+                return Found(Flag(Reason.ALIKE, (len(near),)))
             if near:
                 return near[0]._replace(rivals=tuple((f.x, f.y) for f in found[1:]))
             return Found(flags[0].flag if flags else Flag(Reason.NOT_AT_SEED))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -15,8 +15,9 @@ from jumpvision.films.frames.base import Frames
 from jumpvision.films.parameters import SMALLEST_BALL
 
 from .background import Background, View
-from .measure import DiscMeasure, Found, Start
-from .moving import MOST_FRAMES, AtHand, Path, Spot, at, elsewhere, moving_paths, still_scene
+from .identity import ball_at
+from .measure import Found, Start
+from .moving import AtHand, Head, Path, Spot, at, elsewhere, heads, like, moving_paths, still_scene
 from .pieces import without
 from .reasons import Flag, Reason
 from .track import BallSettings, BallTrack, BallTracker, as_track
@@ -25,52 +26,81 @@ from .unknowns import A, B
 USUAL, ON_PATH = 1.25, 0.4  # largest ratio of contrasts along a path; diameters off it
 PLACE, STAYS = 0.2, 3  # diameters; frames there
 ASKED = 3  # frames that are asked whether the same stands there without the ball
+LOST, MORE = 0.15, 1.1  # share of the frames; times as many in which the ball moves
 STANDS = "doubt: the same stands here in frame {} while the ball is at ({:.0f}, {:.0f})"
 STILL = "doubt: stands still while something moves at ({:.0f}, {:.0f})"
+WHICH = "doubt: balls at ({:.0f}, {:.0f}) and ({:.0f}, {:.0f}) in frame {} may both be the one clicked"
 REMEDY = "; give track.seed = [column, row]"
 
 
-def validated(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTrack:
+def validated(
+    track: BallTrack,
+    frames: Frames,
+    settings: BallSettings,
+    flies: Callable[[BallTrack, Head], BallTrack | None] = lambda track, head: None,
+) -> BallTrack:
     """The track where nothing speaks against it; the one of what moves through the film where that is the better one;
-    with doubtful frames flagged and what a user should know as `notes`."""
+    with doubtful frames flagged and what a user should know as `notes`. The film's head decides, see `heads`. flies: by
+    the better one so far, what else is found in a head; it comes first."""
     if len(frames) < STAYS or settings.streak:
         return track
     track = without_still_objects(track, frames, settings)
     good = track.flag == ""
     d = float(np.median(track.diameter[good])) if good.any() else settings.diameter or SMALLEST_BALL
     still = is_still(track)
-    look = slice(0, MOST_FRAMES)  # what comes later does not change what is found there
-    if is_still(track, look) or np.mean(~good[look]) > 0.15:  # so many lost: the film is searched for what moves
-        scene = still_scene(frames)
-        paths = moving_paths(frames, scene, settings.diameter, settings.polarity, SMALLEST_BALL)
-        # speeds that a path may have come unseen from the seed; the only one of the film more
-        came = 0.5 if len(paths) > 1 else 1.5
-        ours = [p for p in paths if settings.seed is None or _begins(p, settings.seed, came)]
-        if seed := settings.seed:  # of those about as long as the longest: a shadow flies beside its ball
-            # paths below 0.7 of the longest are not preferred for lying nearer to the seed
-            ours = sorted(ours, key=lambda p: (len(p) < 0.7 * len(ours[0]), _distance_to_seed(p, seed)))
-        if ours:
-            # of 12 frames the median is a scene to take out
-            moving = follow(ours[0], frames, settings, scene if len(frames) >= 12 else None)
-            # the search must find the ball moving in a tenth more frames
-            more = _movers(moving, d) > 1.1 * _movers(track, d)
-            if (still and settings.seed is None) or (more and _of_the_clicked(moving, track, settings, d)):
-                return _with_notes(
-                    without_still_objects(moving, frames, settings), ours, still and bool(good.any()), track
-                )
-        if still and good.sum() >= STAYS and len(frames) > STAYS:
-            place = float(np.median(track.x[good])), float(np.median(track.y[good]))
-            fit = _ball_at(View.of(np.asarray(frames[int(np.flatnonzero(good)[0])])), *place, d, settings.polarity)
-            contrast = abs(float(fit.fit.p[A] - fit.fit.p[B])) if fit is not None and fit.fit else 50.0
-            other = elsewhere(frames, scene, *place, d, contrast)
-            if other is not None:
-                doubt = STILL.format(*other)
-                if settings.seed is not None:  # a click is believed, and the doubt told
-                    return replace(track, notes=(*track.notes, doubt))
-                said = doubt + REMEDY
-                flag = np.where(good, said, track.flag)
-                return without(replace(track, notes=(*track.notes, said)), flag)
+    for head in heads(frames):
+        look = slice(0, len(head))
+        searched = is_still(track, look) or np.mean(track.flag[look] != "") > LOST
+        moving = _moving(track, frames, head, settings, d) if searched else None
+        better = moving or track
+        if (flying := flies(better, head)) is not None:
+            return flying
+        if moving or not is_still(track, look):
+            return better
+    if still and good.sum() >= STAYS and len(frames) > STAYS:
+        return _doubted(track, frames, head, settings, d)
     return track
+
+
+def _moving(track: BallTrack, frames: Frames, head: Head, settings: BallSettings, d: float) -> BallTrack | None:
+    """What moves through the head of a film as a disc, followed through all of it, where it is better than the track or
+    nothing tells which of two it is; else None."""
+    good, still = track.flag == "", is_still(track)
+    scene = still_scene(head)
+    paths = moving_paths(head, scene, settings.diameter, settings.polarity, SMALLEST_BALL)
+    # speeds that a path may have come unseen from the seed; the only one of the film more
+    came = 0.5 if len(paths) > 1 else 1.5
+    ours = [p for p in paths if settings.seed is None or _begins(p, settings.seed, came)]
+    if seed := settings.seed:  # of those about as long as the longest: a shadow flies beside its ball
+        # paths below 0.7 of the longest are not preferred for lying nearer to the seed
+        ours = sorted(ours, key=lambda p: (len(p) < 0.7 * len(ours[0]), _distance_to_seed(p, seed)))
+    if seed and track.flag[0] and (two := _two_from(ours, seed)):
+        good[[s.i for s in ours[0]]] = True
+        return without(track, np.where(good, WHICH.format(*two), track.flag))
+    if not ours:
+        return None
+    # of 12 frames the median is a scene to take out
+    moving = follow(ours[0], frames, settings, scene if len(frames) >= 12 else None)
+    # the search must find the ball moving in a tenth more frames
+    more = _movers(moving, d, len(head)) > MORE * _movers(track, d, len(head))
+    if (still and settings.seed is None) or (more and _of_the_clicked(moving, track, settings, d)):
+        return _with_notes(without_still_objects(moving, frames, settings), ours, still and bool(good.any()), track)
+    return None
+
+
+def _doubted(track: BallTrack, frames: Frames, head: Head, settings: BallSettings, d: float) -> BallTrack:
+    """A track that stands still, flagged where something moves elsewhere; a click is believed, and the doubt told."""
+    good = track.flag == ""
+    place = float(np.median(track.x[good])), float(np.median(track.y[good]))
+    fit = ball_at(View.of(np.asarray(frames[int(np.flatnonzero(good)[0])])), *place, d, settings.polarity)
+    contrast = abs(float(fit.fit.p[A] - fit.fit.p[B])) if fit is not None and fit.fit else 50.0
+    other = elsewhere(head, still_scene(head), *place, d, contrast)
+    if other is None:
+        return track
+    doubt = STILL.format(*other)
+    if settings.seed is not None:
+        return replace(track, notes=(*track.notes, doubt))
+    return without(replace(track, notes=(*track.notes, doubt + REMEDY)), np.where(good, doubt + REMEDY, track.flag))
 
 
 def is_still(track: BallTrack, look: slice = slice(None)) -> bool:
@@ -144,9 +174,9 @@ def without_still_objects(track: BallTrack, frames: Frames, settings: BallSettin
             continue
         away = near_by if near_by.size >= ASKED else away
         nearest = int(members[np.argmin(np.hypot(track.x[members] - x, track.y[members] - y))])
-        here = _ball_at(kept.view(nearest), x, y, d, settings.polarity)
+        here = ball_at(kept.view(nearest), x, y, d, settings.polarity)
         asked = away[np.unique(np.linspace(0, away.size - 1, min(ASKED, away.size)).astype(int))]
-        there = (_ball_at(View.of(kept[int(g)]), x, y, d, settings.polarity) for g in asked)
+        there = (ball_at(View.of(kept[int(g)]), x, y, d, settings.polarity) for g in asked)
         if here is not None and all(t is not None and _same_object(here, t) for t in there):
             g = int(asked[0])
             flag[members] = STANDS.format(g, track.x[g], track.y[g])
@@ -160,10 +190,10 @@ def _of_the_clicked(moving: BallTrack, track: BallTrack, settings: BallSettings,
     return math.hypot(moving.x[0] - track.x[0], moving.y[0] - track.y[0]) < d
 
 
-def _movers(track: BallTrack, d: float) -> int:
-    """Of the first MOST_FRAMES frames, those in which the ball is where it is in few others."""
-    good = track.flag[:MOST_FRAMES] == ""
-    x, y = track.x[:MOST_FRAMES][good], track.y[:MOST_FRAMES][good]
+def _movers(track: BallTrack, d: float, n: int) -> int:
+    """Of the first n frames, those in which the ball is where it is in few others."""
+    good = track.flag[:n] == ""
+    x, y = track.x[:n][good], track.y[:n][good]
     near = np.hypot(x[:, None] - x, y[:, None] - y) < PLACE * d
     return int(np.count_nonzero(near.sum(axis=1) < STAYS + 1))
 
@@ -175,17 +205,28 @@ def _begins(path: Path, seed: tuple[float, float], came: float) -> bool:
     return _distance_to_seed(path, seed) < 1.5 * first.d + came * speed * max(first.i, 0)
 
 
+def _two_from(ours: list[Path], seed: tuple[float, float]) -> tuple[float, ...] | None:
+    """Of paths that may have begun at a seed where no ball is seen: where two that are alike are at once, and when.
+    None where they are not, or where one of them alone began on the seed itself: that one is put first."""
+    for other in ours[1:]:
+        one = {s.i: s for s in ours[0]}
+        both = [(one[s.i], s) for s in other if s.i in one and like(one[s.i], s)]
+        if len(both) < 2:
+            continue
+        on = [math.dist(at(p, 0), seed) < 0.5 * p[0].d for p in (ours[0], other)]
+        if on[0] == on[1]:
+            a, b = both[0]
+            return a.x, a.y, b.x, b.y, a.i
+        if on[1]:
+            ours[:] = [other, *(p for p in ours if p is not other)]
+    return None
+
+
 def _distance_to_seed(path: Path, seed: tuple[float, float]) -> float:
     """From the seed to where a path begins, or would have in the first frame, whichever is nearer [px]."""
     first = path[0]
     x, y = at(path, 0) if first.i <= STAYS else (first.x, first.y)
     return min(math.hypot(first.x - seed[0], first.y - seed[1]), math.hypot(x - seed[0], y - seed[1]))
-
-
-def _ball_at(view: View, x: float, y: float, d: float, polarity: str) -> Found | None:
-    """What is fitted there as a ball, None where nothing is."""
-    found = DiscMeasure(d, polarity, False).measure(view, Start(x, y, d, 0.0, 0.0, True), fresh=True)
-    return found if not found.flag and math.hypot(found.x - x, found.y - y) < 0.4 * d else None
 
 
 def _same_object(one: Found, two: Found) -> bool:

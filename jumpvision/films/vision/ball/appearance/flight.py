@@ -15,7 +15,7 @@ from jumpvision.base.arrays import MAD, Float32, Image
 from jumpvision.base.threads import at_once
 from jumpvision.films.frames.base import Frames
 from jumpvision.films.vision.ball.measure import Found
-from jumpvision.films.vision.ball.moving import HOLE, MOST_FRAMES, Path, Spot, at, extent, paths
+from jumpvision.films.vision.ball.moving import HOLE, Head, Path, Spot, at, extent, paths
 from jumpvision.films.vision.ball.reasons import GOOD, Flag, Reason
 from jumpvision.films.vision.ball.track import BallTrack, as_track
 
@@ -32,16 +32,17 @@ KNOWN = ", known in its picture to {:.2g} px, an offset that turns with the ball
 
 
 def in_flight(
-    frames: Frames, scene: Float32, diameter: float | None, seed: tuple[float, float] | None
+    frames: Frames, scene: Float32, diameter: float | None, seed: tuple[float, float] | None, n: int
 ) -> BallTrack | None:
-    """The ball that flies from the seed, or the farthest where none is given, in every frame; None where nothing flies,
-    it is not round, of another diameter [px], or its picture does not hold. notes: of what its positions are."""
+    """The ball that flies from the seed, or the farthest where none is given, in every frame; None where nothing flies
+    in the first n, it is not round, of another diameter [px], or its picture does not hold. notes: of what its
+    positions are."""
     if len(frames) < FLIGHT:
         return None
-    path = _path(frames, scene, diameter or GUESS, seed)
+    path = _path(Head(frames, n), scene, diameter or GUESS, seed)
     if path is not None and diameter is None:
         size = _size(frames, scene, path)
-        path = _path(frames, scene, size, seed)
+        path = _path(Head(frames, n), scene, size, seed)
     if path is None:
         return None
     from .joint import adjusted  # loaded where something flies
@@ -59,7 +60,7 @@ def in_flight(
     on_path = [not places[s.i].found.flag for s in path]
     if np.mean(on_path) < SURE:
         return None
-    better = adjusted(frames, scene, places, layer, outlined)
+    better = adjusted(frames, scene, places, layer, outlined, n)
     # a ball whose rim is not seen all round must fit so well, and its centre [px] be known so well
     if not outlined and (better is None or better.misfit > 1.5 or better.centre > 0.1):
         return None
@@ -70,7 +71,7 @@ def in_flight(
 
 def is_shadow(track: BallTrack, frames: Frames, scene: Float32) -> bool:
     """Whether a dark track goes beside something that changes the scene more, as a shadow beside its ball."""
-    good = np.flatnonzero(track.flag == "")
+    good = np.flatnonzero(track.flag[: len(frames)] == "")
     if good.size < FLIGHT:
         return False
     d, beside = float(np.median(track.diameter[good])), 0
@@ -85,7 +86,7 @@ def is_shadow(track: BallTrack, frames: Frames, scene: Float32) -> bool:
 
 def _path(frames: Frames, scene: Float32, d: float, seed: tuple[float, float] | None) -> Path | None:
     """The farthest path of those that begin at the seed, of two as far the one of more contrast."""
-    n = min(len(frames), MOST_FRAMES)
+    n = len(frames)
     look, things = _Things(scene, d), dict[int, list[Spot]]()
     for first in range(0, n, TOGETHER):  # read by one thread, looked at by several
         images = {i: np.asarray(frames[i]) for i in range(first, min(n, first + TOGETHER))}

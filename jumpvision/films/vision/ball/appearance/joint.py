@@ -25,7 +25,6 @@ from jumpvision.base.threads import at_once
 from jumpvision.films.calibration import OUTLINE_RADIUS
 from jumpvision.films.frames.base import Frames
 from jumpvision.films.vision.ball.measure import Found
-from jumpvision.films.vision.ball.moving import MOST_FRAMES
 from jumpvision.films.vision.ball.reasons import GOOD, Flag, Reason
 
 from .layer import Layer, Place, shifted
@@ -212,12 +211,16 @@ class Adjusted(NamedTuple):
     misfit: float
 
 
-def adjusted(frames: Frames, scene: Float32, places: list[Place], layer: Layer, outlined: bool) -> Adjusted | None:
-    """The places [one a frame] of a learned layer, all fitted at once; None where the fit does not come to rest.
-    outlined: the layer's diameter is that of an outline, and not only about right."""
+def adjusted(
+    frames: Frames, scene: Float32, places: list[Place], layer: Layer, outlined: bool, n: int
+) -> Adjusted | None:
+    """The places [one a frame] of a learned layer, all fitted at once, what they share by the first n frames.
+
+    None where the fit does not come to rest. outlined: the layer's diameter is of an outline, not only about right.
+    """
     if layer.d > 40.0:  # a larger ball would have more than some hundred waves
         return None
-    good = [i for i, p in enumerate(places[:MOST_FRAMES]) if not p.found.flag]
+    good = [i for i, p in enumerate(places[:n]) if not p.found.flag]
     teach = good[:: max(1, math.ceil(len(good) / 40))]
     cuts = {i: _cut(np.asarray(frames[i]), scene, places, i, layer.d) for i in teach}
     face = _Face(0.5 * layer.d)

@@ -1,0 +1,70 @@
+"""Is what is found after a hole, or after a sharp turn, the ball from before? Not, if it was seen beside the ball.
+
+A thing is led back over the hole by its own motion: where a ball like it is seen there, beside the ball that was
+followed then, it is another. The ball from before is led on in the same way.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jumpvision.base.arrays import Array
+from jumpvision.films.frames.base import Frames
+
+from .background import View
+from .measure import DiscMeasure, Found, Start
+from .moving import HOLE, AtHand
+from .track import BallTrack
+from .unknowns import A, B
+
+Ints = NDArray[np.int64]
+LED, ASKED = 3, 3  # rows that lead on; frames that are asked
+APART, NEAR = 0.9, 0.4  # diameters: two balls; a ball that is where it was led to
+ALIKE = 1.4  # ratio of contrasts
+
+
+def seen_beside(track: BallTrack, frames: Frames, polarity: str, before: Ints, after: Ints) -> int | None:
+    """A frame in which the ball of one group of rows is seen beside the ball of the other; None where in no frame.
+
+    before, after: frames of a track, in order, the last and the first of them on either side of a hole or turn.
+    """
+    for own, other in ((before[-ASKED:], after[:LED]), (after[:ASKED], before[-LED:])):
+        if other.size < 2:
+            continue
+        asked = [int(j) for j in own if np.min(np.abs(other - j)) <= HOLE + ASKED]
+        seen = [j for j in asked if _is_there(track, frames, polarity, other, j)]
+        if seen and len(seen) >= min(2, own.size):
+            return seen[0]
+    return None
+
+
+def _is_there(track: BallTrack, frames: Frames, polarity: str, other: Ints, j: int) -> bool:
+    """Whether the thing of the rows `other`, led to frame j, is seen there beside the track's own place."""
+    d = float(np.median(track.diameter[other]))
+    x, y = (_led(other, values[other], j) for values in (track.x, track.y))
+    if math.hypot(x - track.x[j], y - track.y[j]) < APART * d:
+        return False
+    view = frames.view(j) if isinstance(frames, AtHand) else View.of(np.asarray(frames[j]))
+    if not (0.5 * d < x < view.shape[1] - 0.5 * d and 0.5 * d < y < view.shape[0] - 0.5 * d):
+        return False
+    found = ball_at(view, x, y, d, polarity)
+    if found is None or found.fit is None:
+        return False
+    if track.contrast is None:
+        return True
+    usual = abs(float(np.median(track.contrast[other])))
+    return 1 / ALIKE < abs(float(found.fit.p[A] - found.fit.p[B])) / usual < ALIKE
+
+
+def _led(rows: Ints, values: Array, j: int) -> float:
+    """The polynomial through the values, in frame j."""
+    return float(np.polyval(np.polyfit(rows - rows[0], values, rows.size - 1), j - rows[0]))
+
+
+def ball_at(view: View, x: float, y: float, d: float, polarity: str) -> Found | None:
+    """What is fitted there as a ball, None where nothing is."""
+    found = DiscMeasure(d, polarity, False).measure(view, Start(x, y, d, 0.0, 0.0, True), fresh=True)
+    return found if not found.flag and math.hypot(found.x - x, found.y - y) < NEAR * d else None
