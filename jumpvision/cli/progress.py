@@ -87,6 +87,7 @@ class Phase:
         self.name, self.total, self.clock = name, total, clock
         self.began = self.said = clock()
         self.task: Any = None
+        self.over = False
 
     @property
     def seconds(self) -> float:
@@ -130,9 +131,13 @@ class Progress:
         if what not in self.films or done == 0:
             self.films[what] = Phase(what, total)
         phase = self.films[what]
+        if phase.over:
+            return
         left = f"about {spoken(phase.seconds / done * (total - done))} left" if total and 0 < done < total else ""
         self._show(phase, done, left)
-        if total and done == total and not sys.stderr.isatty():
+        if total and done >= total:
+            phase.over = True
+            self._wipe(phase)
             line(f"{what}: {done} done in {spoken(phase.seconds)}")
 
     # -- a campaign ------------------------------------------------------------------------------------------
@@ -197,10 +202,14 @@ class Progress:
         if (phase := self.phase) is None:
             return
         self.phase = None
-        if self.bar is not None and phase.task is not None:
-            self.bar.remove_task(phase.task)
+        self._wipe(phase)
         what = f"{phase.total} done" if phase.total is not None else "done"
         line(f"{self._numbered(phase.name)}: {what} in {spoken(phase.seconds)}")
+
+    def _wipe(self, phase: Phase) -> None:
+        """Its bar, where there is one: a line tells what became of it."""
+        if self.bar is not None and phase.task is not None:
+            self.bar.remove_task(phase.task)
 
     def _show(self, phase: Phase, done: int, left: str) -> None:
         text = f"{self._numbered(phase.name)}: {done} of {phase.total}" + (f", {left}" if left else "")
