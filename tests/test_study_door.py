@@ -174,6 +174,5 @@ def test_correlations_of_parameters_are_those_of_the_normal_equations(tmp_path):
     covariance = np.linalg.inv(design.T @ design)
     true = covariance[0, 1] / math.sqrt(covariance[0, 0] * covariance[1, 1])
     assert found.named == ("drag",) and found.correlations["g"]["c"] == pytest.approx(true, abs=0.01)
-    assert found.correlations["c"]["g"] == found.correlations["g"]["c"] and found.correlations["g"][
-        "g"
-    ] == pytest.approx(1.0)
+    assert found.correlations["c"]["g"] == found.correlations["g"]["c"]
+    assert found.correlations["g"]["g"] == pytest.approx(1.0)

@@ -413,7 +413,9 @@ def diagnose(
     from . import terminal
 
     if not is_campaign(folder_of(path)):
-        raise InputError([f"{path}: one experiment; give the campaign (the folder of experiments) to be questioned"])
+        raise InputError(
+            [f"{path}: one experiment; give the campaign, the folder of experiments whose model is to be tested"]
+        )
     if consider:
         options = replace(options, set=(*options.set, f"diagnosis.consider={json.dumps(list(consider))}"))
     if simulator and accept:
