@@ -98,7 +98,7 @@ class Phase:
 class Progress:
     """Of one command: films frame by frame for one experiment, phases for a campaign. It hears what a run tells.
 
-    whole: of the tables that are shown before the pictures are drawn. workers: jobs at a time.
+    tell: is called with what was found, before the pictures are drawn. workers: jobs at a time.
     """
 
     def __init__(
@@ -106,11 +106,10 @@ class Progress:
         campaign: Campaign | None = None,
         *,
         workers: int = 1,
-        as_json: bool = False,
-        whole: bool = False,
+        tell: Callable[[Run], None] | None = None,
         phases: Sequence[str] = (),
     ) -> None:
-        self.as_json, self.whole, self.workers, self.phases = as_json, whole, workers, tuple(phases)
+        self.tell, self.workers, self.phases = tell, workers, tuple(phases)
         self.jobs, self.bar = jobs_of(campaign) if campaign else {}, None
         self.films: dict[str, Phase] = {}
         self.phase: Phase | None = None
@@ -162,12 +161,9 @@ class Progress:
 
     def found(self, run: Run) -> None:
         """The verdict and the tables, before the pictures are drawn."""
-        from . import terminal
-
         self._end()
-        left = sum(o.undrawn for o in run.outcomes)
-        if run.plan.whole and left and not self.as_json:
-            terminal.tables(run.campaign, run.outcomes, run.diagnosis, whole=self.whole)
+        if self.tell is not None and run.plan.whole and any(o.undrawn for o in run.outcomes):
+            self.tell(run)
             run.told = True
 
     # -- how it is shown -------------------------------------------------------------------------------------
