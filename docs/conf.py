@@ -8,8 +8,8 @@ PARTS = {  # of the site; all but the last are at most 15,000 words together (te
     "Begin": ["samples", "tutorial", "workbench", "notebook", "bring_your_own_data", "glossary"],
     "Only match pictures": ["velocity_fields"],
     "Only track": ["tracking"],
-    "Question a model": ["diagnosis", "experimenter", "any_simulator"],
-    "Jumping robots": ["planning", "demo", "report"],
+    "Test a simulation": ["diagnosis", "experimenter", "any_simulator"],
+    "Jumping robots": ["planning", "demo", "lessons", "report"],
     "Reference": [
         "commands", "scale", "keys", "api", "files", "stages", "physics", "figures", "hard_ground", "granular", "dem",
         "rft", "laboratory", "diagnosis_real", "real", "benchmarks", "features", "architecture",

@@ -111,7 +111,7 @@ def run(folder: Folder, *, results: PathLike | None = None, workers: int = 1, pi
 
 
 def questioned(folder: Folder, results: PathLike | None, workers: int | None) -> Diagnosis:
-    """The diagnosis of a campaign, for `jv.diagnose`. Raises InputError where it cannot be questioned."""
+    """The diagnosis of a campaign, for `jv.diagnose`. Raises InputError where it cannot be tested."""
     from jumpvision.experiment.campaign.folder import DIAGNOSED
 
     plan = partial(Plan, stages=DIAGNOSED, whole=False)

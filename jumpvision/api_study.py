@@ -38,9 +38,9 @@ def diagnose(
 ) -> Diagnosis:
     """What a simulation gets wrong, where and why, and what mending it gains; `.values` is diagnosis.json.
 
-    Without a study, asked is a campaign (folder) of jumps whose [model] is questioned; the rest of the arguments but
+    Without a study, asked is a campaign (folder) of jumps whose [model] is tested; the rest of the arguments but
     results and workers is not used then. With one, asked is recordings of anything, or a long table with the columns
-    recording, time_s and a column a channel, and the study's own simulator is questioned (docs/any_simulator.md):
+    recording, time_s and a column a channel, and the study's own simulator is tested (docs/any_simulator.md):
     workers: other processes that simulate (none: this one). limit: seconds of a run (in another process). budget: most
     runs. keep: file that keeps every run, from which a later call goes on (default: beside the results, begun anew when
     a run comes out otherwise). avoid: go round parameters at which a run fails, instead of stopping. progress: told how

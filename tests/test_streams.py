@@ -124,3 +124,16 @@ def test_what_a_stage_lacks_is_said_at_once_and_its_neighbours_are_done(hard_gro
     assert "[bed_image] scale: missing" in said and "[bed_image] floor_row: missing" in said
     assert "0 of 1 experiments done, 1 in part" in said
     assert (tmp_path / "results" / "jump" / "track.csv").exists()
+
+
+def test_a_shipped_pipeline_has_a_name(tmp_path, monkeypatch):
+    """From anywhere; a name that is none is told with those that are; a file of one's own goes before."""
+    from jumpvision.base.schema import InputError
+    from jumpvision.experiment.workflow.run import read_pipeline
+
+    monkeypatch.chdir(tmp_path)
+    assert read_pipeline(Path("piv_only")).stages[:2] == ("piv", "flow")
+    with pytest.raises(InputError, match="piv_onl: no such file; give one, or a name: granular, hard_ground, piv_only"):
+        read_pipeline(Path("piv_onl"))
+    (tmp_path / "piv_only").write_text('stages = ["track"]\n')
+    assert read_pipeline(Path("piv_only")).stages == ("track",)

@@ -233,3 +233,38 @@ def test_what_is_left_is_told_by_recording_time_and_state():
     assert "in line 2, " in where and "in the last third of the records" in where and "where y is above 0.3" in where
     each = [float(x.split(" %")[0]) for x in where.split(", ")]
     assert len(each) == 3 and min(each) > 90 and where in found.sentence
+
+
+def test_the_page_of_a_study_shows_every_recording_in_its_own_words(tmp_path):
+    """Of four falls: measured, simulated and what is left, as data for the page's script; no word of sand."""
+    import re
+
+    found = jv.diagnose(falls(3, c=0.3, n=4), study(), results=tmp_path)
+    page = (tmp_path / "report.html").read_text()
+    charts = [json.loads(x) for x in re.findall(r'<script type="application/json">(.*?)</script>', page, re.S)]
+    assert {c["title"] for c in charts} == {f"fall {k}" for k in range(4)}
+    for c in charts:
+        whole, left = c["panels"]
+        assert whole["y"] == {"label": "y", "unit": "m"} and [s["name"] for s in left["series"]] == [
+            "simulated",
+            "extended",
+        ]
+        by_name = {s["name"]: np.array(s["y"], float) for s in whole["series"]}
+        trace = next(x for x in found.traces if x.recording == c["title"])
+        for name in ("measured", "simulated", "extended"):
+            np.testing.assert_allclose(by_name[name], getattr(trace, name), rtol=1e-4, atol=1e-12)
+        rest = np.array(left["series"][1]["y"], float)
+        assert np.sqrt(np.mean(rest**2)) == pytest.approx(SIGMA, rel=4 / math.sqrt(2 * T.size))
+        assert f"{np.sqrt(np.mean((trace.measured - trace.simulated) ** 2)):.3g}" in c["note"]
+    assert "hear rate" not in page and "its unit" not in page and "heights, residuals" not in page
+
+
+def test_correlations_of_parameters_are_those_of_the_normal_equations(tmp_path):
+    """g and c of a fall: of J^T J, with g's flat prior over its range, 2 m/s^2, far wider than the falls tell."""
+    found = jv.diagnose(falls(3, c=0.3, n=4), study())
+    design = np.stack([0.5 * T**2, -(T**3)], axis=1)
+    covariance = np.linalg.inv(design.T @ design)
+    true = covariance[0, 1] / math.sqrt(covariance[0, 0] * covariance[1, 1])
+    assert found.named == ("drag",) and found.correlations["g"]["c"] == pytest.approx(true, abs=0.01)
+    assert found.correlations["c"]["g"] == found.correlations["g"]["c"]
+    assert found.correlations["g"]["g"] == pytest.approx(1.0)

@@ -197,7 +197,7 @@ def _lift_off(path: Path, asked_for: str, options: Options) -> list[Path]:
     found, made = search(asked, kind, frequency, results, waiting)
     rows = [{"amplitude_m": found.value, "low_m": found.low, "high_m": found.high, "trials": found.trials}]
     terminal.result({**rows[0], "next_m": found.next}, rows, as_json=options.json)
-    terminal.line(f"written: {results / FILE}" + (f"; record {made}, then say the same again" if made else ""))
+    terminal.line(f"written: {results / FILE}" + (f"; record {made}, then run the same command again" if made else ""))
     return [*waiting, *([made] if made else [])]
 
 

@@ -93,7 +93,11 @@ def work(
     many = opened if isinstance(opened, Campaign) else None
     number = options.workers or cores()
     phases = phases_of(plan, asks=bool(many and asks(many, plan, ask)), drawn=bool(many and options.pictures))
-    shown = Progress(many, workers=number, as_json=options.json, whole=options.table, phases=phases)
+
+    def tell(run: Run) -> None:
+        terminal.tables(run.campaign, run.outcomes, run.diagnosis, whole=options.table)
+
+    shown = Progress(many, workers=number, tell=None if options.json else tell, phases=phases)
     with shown as progress, noticed(terminal.compiling):
         return run_folder(
             opened,
@@ -413,7 +417,9 @@ def diagnose(
     from . import terminal
 
     if not is_campaign(folder_of(path)):
-        raise InputError([f"{path}: one experiment; give the campaign (the folder of experiments) to be questioned"])
+        raise InputError(
+            [f"{path}: one experiment; give the campaign, the folder of experiments whose model is to be tested"]
+        )
     if consider:
         options = replace(options, set=(*options.set, f"diagnosis.consider={json.dumps(list(consider))}"))
     if simulator and accept:

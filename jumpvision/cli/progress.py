@@ -87,6 +87,7 @@ class Phase:
         self.name, self.total, self.clock = name, total, clock
         self.began = self.said = clock()
         self.task: Any = None
+        self.over = False
 
     @property
     def seconds(self) -> float:
@@ -97,7 +98,7 @@ class Phase:
 class Progress:
     """Of one command: films frame by frame for one experiment, phases for a campaign. It hears what a run tells.
 
-    whole: of the tables that are shown before the pictures are drawn. workers: jobs at a time.
+    tell: is called with what was found, before the pictures are drawn. workers: jobs at a time.
     """
 
     def __init__(
@@ -105,11 +106,10 @@ class Progress:
         campaign: Campaign | None = None,
         *,
         workers: int = 1,
-        as_json: bool = False,
-        whole: bool = False,
+        tell: Callable[[Run], None] | None = None,
         phases: Sequence[str] = (),
     ) -> None:
-        self.as_json, self.whole, self.workers, self.phases = as_json, whole, workers, tuple(phases)
+        self.tell, self.workers, self.phases = tell, workers, tuple(phases)
         self.jobs, self.bar = jobs_of(campaign) if campaign else {}, None
         self.films: dict[str, Phase] = {}
         self.phase: Phase | None = None
@@ -130,9 +130,13 @@ class Progress:
         if what not in self.films or done == 0:
             self.films[what] = Phase(what, total)
         phase = self.films[what]
+        if phase.over:
+            return
         left = f"about {spoken(phase.seconds / done * (total - done))} left" if total and 0 < done < total else ""
         self._show(phase, done, left)
-        if total and done == total and not sys.stderr.isatty():
+        if total and done >= total:
+            phase.over = True
+            self._wipe(phase)
             line(f"{what}: {done} done in {spoken(phase.seconds)}")
 
     # -- a campaign ------------------------------------------------------------------------------------------
@@ -157,12 +161,9 @@ class Progress:
 
     def found(self, run: Run) -> None:
         """The verdict and the tables, before the pictures are drawn."""
-        from . import terminal
-
         self._end()
-        left = sum(o.undrawn for o in run.outcomes)
-        if run.plan.whole and left and not self.as_json:
-            terminal.tables(run.campaign, run.outcomes, run.diagnosis, whole=self.whole)
+        if self.tell is not None and run.plan.whole and any(o.undrawn for o in run.outcomes):
+            self.tell(run)
             run.told = True
 
     # -- how it is shown -------------------------------------------------------------------------------------
@@ -197,10 +198,14 @@ class Progress:
         if (phase := self.phase) is None:
             return
         self.phase = None
-        if self.bar is not None and phase.task is not None:
-            self.bar.remove_task(phase.task)
+        self._wipe(phase)
         what = f"{phase.total} done" if phase.total is not None else "done"
         line(f"{self._numbered(phase.name)}: {what} in {spoken(phase.seconds)}")
+
+    def _wipe(self, phase: Phase) -> None:
+        """Its bar, where there is one: a line tells what became of it."""
+        if self.bar is not None and phase.task is not None:
+            self.bar.remove_task(phase.task)
 
     def _show(self, phase: Phase, done: int, left: str) -> None:
         text = f"{self._numbered(phase.name)}: {done} of {phase.total}" + (f", {left}" if left else "")

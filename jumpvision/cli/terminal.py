@@ -233,7 +233,7 @@ def exploration(told: Round, folders: Sequence[Path], made: list[Path], as_json:
     if told.end:
         line(f"end: {told.end}")
     elif folders:
-        line(f"record {', '.join(str(f) for f in folders)}, then say the same again")
+        line(f"record {', '.join(str(f) for f in folders)}, then run the same command again")
     line("written: " + ", ".join(str(f) for f in made))
 
 

@@ -66,9 +66,9 @@ class Diagnosis(Record):
     extended_model: the baseline, re-fitted, where nothing is named. `values` is diagnosis.json as a dict.
 
     Of a user's own simulator also: unit, of every number whose key ends in _m ("noise": several channels, in units of
-    their noise); fitted, the parameters of the extended model; lacks, the mechanisms in words; runs; doubts: parameters
-    without effect, that cannot be told, to which the simulator answers in steps; simulated: open-loop error of every
-    model named; traces (not in the file), measured and simulated values.
+    their noise); fitted, the parameters of the extended model; correlations of their errors; lacks, the mechanisms in
+    words; runs; doubts: parameters without effect, that cannot be told, to which the simulator answers in steps;
+    simulated: open-loop error of every model named; traces (not in the file), measured and simulated values.
     """
 
     file = FILE
@@ -103,6 +103,7 @@ class Diagnosis(Record):
     suggested: tuple[Suggested, ...] = ()
     unit: str | None = field(default=None, metadata=OPTIONAL)
     fitted: Mapping[str, Parameter] | None = field(default=None, metadata=OPTIONAL)
+    correlations: Mapping[str, Mapping[str, float]] | None = field(default=None, metadata=OPTIONAL)
     lacks: Mapping[str, str] | None = field(default=None, metadata=OPTIONAL)
     runs: Runs | None = field(default=None, metadata=OPTIONAL)
     doubts: tuple[Doubt, ...] = field(default=(), metadata=OPTIONAL)

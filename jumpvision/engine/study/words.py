@@ -80,6 +80,7 @@ class StudySpeaker:
             without_films=record.WithoutFilms(alone.named, alone.chi2) if alone and apart else None,
             unit=channels[0].unit or "1" if len(channels) == 1 else SEVERAL,
             fitted=intervals(d.best, [n for n in d.best.named if n not in self._of_recordings]),
+            correlations=correlations(d.best, [n for n in d.best.named if n not in self._of_recordings]),
             lacks={name: m.lacks for name, m in self.system.mechanisms.items()},
             doubts=self.doubts,
             simulated=self.simulated,
@@ -114,6 +115,14 @@ def model_name(system: Studied) -> str:
 def intervals(fit: Fit, names: Sequence[str]) -> dict[str, record.Parameter]:
     """Parameters by name with their 90 % intervals, without what does nothing."""
     return {p.name: interval(fit, p) for p in fit.parameters if p.name in names and not p.name.startswith(DUMMY)}
+
+
+def correlations(fit: Fit, names: Sequence[str]) -> dict[str, dict[str, float]]:
+    """Of the errors of parameters, each with each; without what does nothing or is known exactly."""
+    size = [math.sqrt(max(float(v), 0.0)) for v in fit.covariance.diagonal()]
+    told = [(k, p.name) for k, p in enumerate(fit.parameters) if p.name in names and not p.name.startswith(DUMMY)]
+    known = [(k, n) for k, n in told if size[k] > 0.0]
+    return {n: {m: float(fit.covariance[k, j] / (size[k] * size[j])) for j, m in known} for k, n in known}
 
 
 def rms_by_channel(system: Studied, fit: Fit) -> dict[str, float]:

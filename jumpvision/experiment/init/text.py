@@ -35,7 +35,7 @@ NEEDED = (
     "# The jump's height is counted from the start of the motion. `init` fills this in for a folder named like\n"
     "# stutter-7.0Hz-1 with a motor log in it."
 )
-SAND = """# The simulation to be questioned (docs/keys.md lists the terms). Without it only the measurements run.
+SAND = """# The simulation to be tested (docs/keys.md lists the terms). Without it only the measurements run.
 # [model]
 # terms = ["two_resistance", "inertial_drag"]
 # k1 = 2000.0

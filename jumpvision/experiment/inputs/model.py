@@ -30,7 +30,7 @@ OwnTables = Toml  # the user's tables [mechanism.NAME], as TOML has them
 
 @dataclass(frozen=True)
 class ModelSpec(Section):
-    """[model]: the simulation to be questioned, as a list of mechanisms with parameters (docs/physics.md section 6)."""
+    """[model]: the simulation to be tested, as a list of mechanisms with parameters (docs/physics.md section 6)."""
 
     name: ClassVar[str] = "model"
     terms: tuple[str, ...] = ()

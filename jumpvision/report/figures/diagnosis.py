@@ -105,7 +105,8 @@ def study_picture(data: Diagnosis) -> bytes:
             axes[4].plot(pair[0], k, "o", color=MODEL)
             axes[4].plot(pair[1], k, "o", color=GREEN)
         axes[4].set_yticks(range(len(names)), names)
-        axes[4].set(title="error of each recording", xlabel="rms [its unit]", xscale="log")
+        units = list(dict.fromkeys(x.unit or "1" for x in data.traces[:ROWS]))
+        axes[4].set(title="error of each recording", xlabel=f"rms [{', '.join(units)}]", xscale="log")
         axes[5].set_axis_off()
         text = [f"{n} = {p}" for n, p in (data.fitted or {}).items()]
         text += [f"held out: {data.gain.ratio:.3g} times better" if data.gain else "", f"p = {data.p_value:.2g}"]

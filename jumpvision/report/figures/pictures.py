@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -68,7 +69,10 @@ def png(figure: Figure) -> bytes:
     figure.dpi = rcParams["savefig.dpi"]
     canvas: Any = FigureCanvasAgg(figure)
     out, plain = io.BytesIO(), cast(Any, {"Software": None})
-    canvas.draw()  # once: savefig draws a second time, unseen, to lay out
+    with warnings.catch_warnings():
+        # said by matplotlib's clock, on a busy machine of any figure
+        warnings.filterwarnings("ignore", message='Creating legend with loc="best" can be slow')
+        canvas.draw()  # once: savefig draws a second time, unseen, to lay out
     kept = {"compress_level": 3}  # half the time for a twentieth more bytes
     imsave(out, canvas.buffer_rgba(), format="png", dpi=figure.dpi, metadata=plain, pil_kwargs=kept)
     return out.getvalue()

@@ -7,7 +7,7 @@ from pathlib import Path
 from jumpvision import __version__
 from jumpvision.base.numbers import between, said, times
 from jumpvision.base.storage import write_aside
-from jumpvision.engine.document.diagnosis import Diagnosis
+from jumpvision.engine.document.diagnosis import Diagnosis, chance
 from jumpvision.engine.document.sentence import plus_minus
 from jumpvision.experiment import files
 from jumpvision.report.figures.diagnosis import study_picture
@@ -15,8 +15,12 @@ from jumpvision.report.figures.varies import shown, what_varies
 
 from .page import static, template
 from .quantities import typeset
+from .study_charts import correlation_rows, recordings_charts
 from .verdict import VerdictShown, causes_shown, detectable_shown
 from .words import drawing, inline
+
+OPEN = 3  # recordings whose figures are open, the worst ones; the rest are folded
+PICTURED = "the diagnosis: the worst recording, what is left there, where, causes, the error of each recording"
 
 
 def write_study(d: Diagnosis, folder: Path, title: str, *, pictures: bool = True) -> list[Path]:
@@ -47,8 +51,17 @@ def page(d: Diagnosis, png: bytes, title: str) -> str:
         facts=facts(d),
         next=f"Next experiment: {n.words} separates {' from '.join(n.separates)}." if (n := d.next_experiment) else "",
         verdict=VerdictShown(
-            causes_shown(d), detectable_shown(d), measured_rows(d), picture=inline(png), varies=varies
+            causes_shown(d),
+            detectable_shown(d),
+            measured_rows(d),
+            picture=inline(png),
+            pictured=PICTURED,
+            varies=varies,
         ),
+        charts=recordings_charts(d),
+        open=OPEN,
+        adequate=d.adequate,
+        correlations=correlation_rows(d),
         fitted=[{"parameter": n, "value": typeset(str(p))} for n, p in (d.fitted or {}).items()],
         runs=f"{runs.made} simulations made, {runs.kept} kept from before, {said(runs.seconds)} s" if runs else "",
         failures=runs.failures[:10] if runs else (),  # runs that are listed
@@ -63,7 +76,7 @@ def facts(d: Diagnosis) -> list[tuple[str, str, str]]:
         out.append(
             (times(d.gain.ratio, mark="×"), "", f"smaller error on recordings held out{between(*d.gain.ratio_ci95)}")
         )
-    out.append((said(d.p_value, ".2g"), "", "probability of such residuals by noise alone"))
+    out.append((chance(d.p_value), "", "probability of such residuals by noise alone"))
     return out
 
 

@@ -25,6 +25,7 @@ class VerdictShown:
     recordings: str = "recordings"
     others: str = "other means"
     picture: str | None = None
+    pictured: str = "the diagnosis: heights, residuals, where, causes and gain"
     law: str | None = None
     synthetic: bool = False
     varies: str | None = None

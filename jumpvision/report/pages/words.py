@@ -44,7 +44,7 @@ def campaign_words(
             facts.append((times(g.ratio, mark="×"), "", what + between(*g.ratio_ci95)))
         else:
             facts.append((probability(diagnosis.p_value), "", "probability of such residuals by noise alone"))
-        noise = f"questioned, noise {said(diagnosis.noise.sigma_m, '.2g', 1e3)} mm a frame"
+        noise = f"tested, noise {said(diagnosis.noise.sigma_m, '.2g', 1e3)} mm a frame"
         facts.append((str(len(diagnosis.heights)), "jumps", noise))
         return diagnosis.sentence, facts
     if jumped:
