@@ -22,6 +22,7 @@ from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
 from jumpvision.cli import main
+from jumpvision.thesis.studies.study import studies
 
 pytestmark = pytest.mark.long
 PAGE = (ROOT / "docs" / "figures.md").read_text(encoding="utf-8")
@@ -132,7 +133,8 @@ def rows() -> dict[int, list[str]]:
     for number, command, text in re.findall(r"^\| (\d+) \| `jumpvision ([^`]+)` \| ([^|]*) \|", PAGE, re.M):
         ground = "granular" if "granular" in command or "loose_sand" in command else "hard"
         more = re.findall(r"by `(?:sweep (\w+) )?--analysis ([\w-]+)`", text)
-        out[int(number)] = [command, *(f"sweep {g or ground} --analysis {name}" for g, name in more)]
+        free = [(g or ground, name) for g, name in more if not studies()[name].of_campaign]
+        out[int(number)] = [command, *(f"sweep {g} --analysis {name}" for g, name in free)]
     return out
 
 
