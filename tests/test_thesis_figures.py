@@ -117,7 +117,11 @@ CLAIMS: dict[int, tuple[Panels, ...]] = {
         Panels("foot depth [mm]", "m_a$ [g]", panels=2, series=1, points=50),
         Panels("volume fraction", HEIGHTS, series=3, points=5),
     ),
-    60: (Panels("time [ms]", "position [mm]", series=3, points=100), Panels("", "added mass [g]")),
+    60: (
+        Panels("time [ms]", "position [mm]", series=3, points=100),
+        Panels("", "added mass [g]"),
+        Panels("", "height [mm]", series=3, points=2),
+    ),
     61: (Panels("", "[N]", series=5, points=100), Panels("time [ms]", "[mm]", series=5, points=100)),
     63: PLAN,
     64: (Panels("planned height [mm]", "jumped height [mm]", series=1, points=2),),

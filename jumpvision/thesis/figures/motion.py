@@ -109,7 +109,7 @@ def bifurcation(data: xr.Dataset, Figure: NewFigure) -> Figure:
 def traces(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """A column a jump: positions, velocities, forces and powers against time.
 
-    Light grey where the rod is in the air; dark where it is on the ground, which carries less than the weight: it pulls.
+    Light grey where the rod is in the air; dark where the ground carries less than the weight: it pulls.
     """
     count = min(data.sizes["case"], 6)
     figure = Figure(figsize=(2.25 * count + 0.8, 8.2), layout="constrained")
