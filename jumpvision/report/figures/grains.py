@@ -201,7 +201,7 @@ def column(fits: Fits, record: Column, Figure: NewFigure) -> Figure:
     *drawn, left = figure.subplots(2, 3).flat
     for axis, draw in zip(drawn, COLUMN_PANELS, strict=True):
         draw(axis, fits, record)
-    left.set_axis_off()
+    left.remove()
     return figure
 
 
