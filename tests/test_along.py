@@ -130,6 +130,26 @@ def test_a_second_model_has_a_curve_and_residuals_of_its_own(tmp_path):
     assert data.attrs["p_value"] < 1e-4
 
 
+def test_the_command_draws_along_the_axis_that_is_asked_for(tmp_path, capsys):
+    """Two frequencies at two packings: along packing, though as many frequencies vary."""
+    jumps = [{"kind": "single", "frequency": f, "phi": phi} for f in (7.0, 9.0) for phi in (0.57, 0.61)]
+    folder, bed = tmp_path / "c", {"k1": 2100.0, "k2": 2100.0, "b": 17.2}
+    sand_campaign(folder, jumps)
+    values = "".join(f"{n} = {x}\n" for n, x in (bed | FIXED).items())
+    (tmp_path / "model.toml").write_text(f"[model]\nterms = {TERMS}\n{values}".replace("'", '"'))
+    call = ["sweep", "granular", "--analysis", "comparison", "--campaign", str(folder), "--over", "phi"]
+    assert main([*call, "--model", str(tmp_path / "model.toml"), "--workers", "1"]) == 0
+    assert "chi2" in capsys.readouterr().out
+    with xr.open_dataset(tmp_path / "results" / "c" / "comparison.nc") as data:
+        assert data.attrs["over"] == "phi" and data.series_name.values.tolist() == [
+            "single, frequency 7 Hz",
+            "single, frequency 9 Hz",
+        ]
+        off = data.measured_height_m - data.model_height_m
+        loose = data.phi.values < 0.58
+        assert np.abs(off.isel(model=0)).max() < 1.5e-4 and np.abs(off.isel(model=1)).values[~loose].min() > 2e-3
+
+
 def test_heights_over_delay(tmp_path):
     """Thesis Fig 47, its law driven without a loop."""
     jumps = [{"kind": "stutter", "frequency": 9.0, "delay": d} for d in (0.05, 0.08, 0.11, 0.14)]

@@ -65,6 +65,8 @@ ELSEWHERE = {  # commands that take long or wait for somebody: the test that doe
     "demo":
         "test_demo.test_the_command_prints_the_address_serves_and_stops_on_interrupt",
     "demo --export jumper_page": "test_demo.test_the_command_writes_the_page_to_a_folder",
+    "sweep granular --analysis comparison --campaign CAMPAIGN --over phi --model results/CAMPAIGN/model.toml":
+        "test_along.test_the_command_draws_along_the_axis_that_is_asked_for",
     "sweep hard --analysis comparison --campaign CAMPAIGN":
         "test_hard_compare.test_the_command_writes_a_file_a_figure_and_a_table",
     "synth samples my_samples":

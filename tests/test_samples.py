@@ -347,6 +347,17 @@ def test_the_hidden_cone_of_the_samples_is_named(asked):
     assert "over-predicts stutter jumps" in d["sentence"]
 
 
+def test_a_diagnosis_stands_by_the_heights_of_the_table(asked):
+    """To the last digit, sigma too; and what the extended model leaves of held-out heights is no longer 0.66 mm."""
+    results, d = asked
+    table = pd.read_csv(results / "jumps.csv", float_precision="round_trip").set_index("experiment")
+    assert len(d["heights"]) == len(SAND)
+    for h in d["heights"]:
+        row = table.loc[h["experiment"]]
+        assert (h["measured_m"], h["sigma_m"]) == (row.jump_height_m, row.sigma_m)
+    assert d["gain"]["rmse_height_after_m"] < 3e-4
+
+
 def test_the_grain_film_confirms_the_mass_that_the_jumps_imply(asked):
     """Two measurements of one cone: truth.json has the mass under half a foot and how much of it is in view."""
     _, d = asked

@@ -454,7 +454,9 @@ def test_the_drag_of_a_campaign_is_the_one_put_in(tmp_path, capsys):
         assert data.attrs["parameter"] == "b" and data.n.values.tolist() == [12]
         assert float(data.value[0]) == pytest.approx(17.2, rel=0.05) and 0.0 < float(data.value_sigma[0]) < 0.5
     assert (tmp_path / "r" / "drag-fit.png").stat().st_size > 5000
-    assert main(call[:4]) == 2 and "--analysis drag-fit or packing: go together" in capsys.readouterr().err
+    assert (
+        main(call[:4]) == 2 and "--analysis comparison or drag-fit or packing: go together" in capsys.readouterr().err
+    )
 
 
 def test_a_diagnosis_gives_the_robot_that_it_fitted(tmp_path):

@@ -22,6 +22,7 @@ from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
 from jumpvision.cli import main
+from jumpvision.thesis.studies.study import studies
 
 pytestmark = pytest.mark.long
 PAGE = (ROOT / "docs" / "figures.md").read_text(encoding="utf-8")
@@ -79,7 +80,10 @@ CLAIMS: dict[int, tuple[Panels, ...]] = {
     36: (Panels("α", "", panels=2, series=3, points=4),),
     37: (ROD, MOTOR),
     41: (Panels("superficial air speed [m/s]", "pressure", series=2, points=100),),
-    43: (Panels("column [px]", "row [px]", series=1, points=100), Panels("", "height", series=1, points=100)),
+    43: (
+        Panels("column [px]", "row [px]", series=1, points=400),
+        Panels("x [mm]", "height [mm]", series=1, points=400),
+    ),
     45: (
         Panels("volume fraction", HEIGHTS, panels=2, series=3, points=5),
         Panels("volume fraction", "frequency [Hz]", cells=20),
@@ -93,13 +97,31 @@ CLAIMS: dict[int, tuple[Panels, ...]] = {
     ),
     49: (Panels("frequency [Hz]", HEIGHTS, series=10, points=5), Panels("volume fraction", "α", series=1, points=4)),
     50: (FORCES, OVERSHOOTS),
-    52: (Panels("", "", panels=2), Panels("time", "momentum", series=1, points=5)),
-    53: (Panels("", "", panels=1),),
+    52: (
+        Panels("x [mm]", "y [mm] (up)", panels=2),
+        Panels("time [ms]", "of the grains, downwards [kg m/s]", series=1, points=50),
+    ),
+    53: (
+        Panels("x [mm]", "y [mm]", series=1),
+        Panels("depth of the foot [mm]", "angle of the sides", series=1, points=40),
+    ),
     55: (FORCES,),
-    57: (Panels("", "speed", series=1), Panels("", "", panels=2)),
+    57: (
+        Panels("time [s]", "z below the foot [mm]", cells=55 * 57),
+        Panels("z below the foot [mm]", "speed / largest", series=2, points=50),
+        Panels("foot depth [mm]", "beta", series=1, points=50),
+        Panels("foot depth [mm]", "thickness [mm]", series=1, points=50),
+    ),
     58: (Panels("depth [mm]", "force [N]", series=4, points=100),),
-    59: (Panels("", "added mass", series=1, points=5), Panels("volume fraction", HEIGHTS, series=3, points=5)),
-    60: (Panels("time [ms]", "position [mm]", series=3, points=100), Panels("", "added mass [g]")),
+    59: (
+        Panels("foot depth [mm]", "m_a$ [g]", panels=2, series=1, points=50),
+        Panels("volume fraction", HEIGHTS, series=3, points=5),
+    ),
+    60: (
+        Panels("time [ms]", "position [mm]", series=3, points=100),
+        Panels("", "added mass [g]"),
+        Panels("", "height [mm]", series=3, points=2),
+    ),
     61: (Panels("", "[N]", series=5, points=100), Panels("time [ms]", "[mm]", series=5, points=100)),
     63: PLAN,
     64: (Panels("planned height [mm]", "jumped height [mm]", series=1, points=2),),
@@ -132,7 +154,8 @@ def rows() -> dict[int, list[str]]:
     for number, command, text in re.findall(r"^\| (\d+) \| `jumpvision ([^`]+)` \| ([^|]*) \|", PAGE, re.M):
         ground = "granular" if "granular" in command or "loose_sand" in command else "hard"
         more = re.findall(r"by `(?:sweep (\w+) )?--analysis ([\w-]+)`", text)
-        out[int(number)] = [command, *(f"sweep {g or ground} --analysis {name}" for g, name in more)]
+        free = [(g or ground, name) for g, name in more if not studies()[name].of_campaign]
+        out[int(number)] = [command, *(f"sweep {g} --analysis {name}" for g, name in free)]
     return out
 
 

@@ -204,10 +204,12 @@ def momentum(flows: Sequence[tuple[str, str, xr.Dataset]], Figure: NewFigure) ->
 
 
 def column(fits: Fits, record: Column, Figure: NewFigure) -> Figure:
-    """The central column: exponential, beta, jammed front and theta against depth. record: the Column."""
-    figure = Figure(figsize=(8.6, 5.4), layout="constrained")
-    for axis, draw in zip(figure.subplots(2, 2).flat, COLUMN_PANELS, strict=True):
+    """The central column: speeds over depth and time, exponential, beta, front and theta. record: the Column."""
+    figure = Figure(figsize=(11.0, 5.4), layout="constrained")
+    *drawn, left = figure.subplots(2, 3).flat
+    for axis, draw in zip(drawn, COLUMN_PANELS, strict=True):
         draw(axis, fits, record)
+    left.remove()
     return figure
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self, cast
 
 import numpy as np
 
-from jumpvision.base.arrays import Image, measured
+from jumpvision.base.arrays import Array, Image, measured
 from jumpvision.base.record import Record
 from jumpvision.experiment.inputs.sections import Actuation, BedImage, NotApplicable, RodVideo
 from jumpvision.experiment.results.fields import Column, Flow
@@ -230,7 +230,7 @@ def bed_picture(bed: BedHeight, image: BedImage) -> BedPicture:
         return BedPicture(png(figure))
 
 
-@stage(version=3, picture=True)
+@stage(version=4, picture=True)
 def fit_picture(fits: Fits, rod: RodMotion | None, column: Column | None, flow: Flow | None) -> FitPicture:
     """The fits beside the data they were made on."""
     panels: list[Callable[[Axes], None]] = []
@@ -364,4 +364,29 @@ def draw_sides(axis: Axes, column: xr.Dataset, i: int) -> None:
         axis.set_title(f"θ = {float(c.theta_deg):.1f}°, bands {float(c.theta_bands_deg):.1f}°", fontsize=9)
 
 
-COLUMN_PANELS = (draw_profile, draw_beta, draw_front, draw_theta)
+def draw_history(axis: Axes, fits: Fits, column: Column) -> None:
+    """Speed below the foot over depth and time, as a share of each frame's largest; the front's thickness on it."""
+    c = column.field
+    z, shown = c.depth.values * 1e3, (c.speed / c.max_speed).transpose("y", "t").values
+    deep = np.nanmax(np.where(np.isfinite(shown), z, np.nan), initial=0.0)
+    levels = np.linspace(0.0, deep, shown.shape[0])
+    rows = [_at_levels(levels, z[:, i], shown[:, i]) for i in range(shown.shape[1])]
+    drawn = axis.pcolormesh(c.t, levels, np.transpose(rows), shading="nearest", vmin=0.0, vmax=1.0, rasterized=True)
+    axis.plot(c.t, c.jammed_thickness * 1e3, "w.", ms=3)
+    axis.figure.colorbar(drawn, ax=axis, label="speed / largest")
+    axis.set(title="central column (white: front)", xlabel="time [s]", ylabel="z below the foot [mm]", ylim=(deep, 0.0))
+    if (seen := np.flatnonzero(np.isfinite(shown).any(axis=0))).size > 1:
+        axis.set_xlim(float(c.t[seen[0]]), float(c.t[seen[-1]]))
+    axis.grid(False)
+
+
+def _at_levels(levels: Array, z: Array, values: Array) -> Array:
+    """A column's values at the depths `levels` (n,), NaN beyond what was seen."""
+    known = np.isfinite(z) & np.isfinite(values)
+    if known.sum() < 2:
+        return np.full(levels.size, np.nan)
+    order = np.argsort(z[known])
+    return np.interp(levels, z[known][order], values[known][order], left=np.nan, right=np.nan)
+
+
+COLUMN_PANELS = (draw_history, draw_profile, draw_beta, draw_front, draw_theta)

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from jumpvision.experiment.results.fields import attributes_of, unit_of
+from jumpvision.jumper.physics.sand.jump import MODES
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, NewFigure
 from jumpvision.thesis.figures.sweeps import figure_of
 from jumpvision.thesis.studies.sand import beds, models
@@ -15,6 +16,7 @@ from jumpvision.thesis.studies.sand import drag_fit as measured
 from jumpvision.thesis.studies.sand import packing as prepared
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 TYPE = {"single": (MEASURED, "o"), "stutter": (MODEL, "s"), "delayed stutter": (GREEN, "^")}
@@ -134,9 +136,10 @@ def alpha_fit(data: xr.Dataset, Figure: NewFigure) -> Figure:
 
 @figure_of(models.force_models)
 def force_models(data: xr.Dataset, Figure: NewFigure) -> Figure:
-    """Motion with the cone, spring force with every force model, and what it comes to."""
-    figure = Figure(figsize=(10.6, 6.2), layout="constrained")
-    (motion, push), (feet, bars) = figure.subplots(2, 2)
+    """Motion with the cone, spring force with every force model, what it comes to; four moments of the landing."""
+    figure = Figure(figsize=(10.6, 9.2), layout="constrained")
+    drawn = figure.subplot_mosaic("aabb;ccdd;efgh", height_ratios=(1, 1, 1.1))
+    motion, push, feet, bars = (drawn[n] for n in "abcd")
     ms = data.time * 1e3
     told = attributes_of(models.ForceModels, data)
     up = [x * 1e3 for x in told.upswing_s]
@@ -166,7 +169,52 @@ def force_models(data: xr.Dataset, Figure: NewFigure) -> Figure:
         bars.text(float(h[i]) + 0.4, i, f"{float(data.mean_push_N.sel(model=name)):.1f} N", va="center", fontsize=7)
     bars.set(title="jump height; mean spring force in the upswing", xlabel="[mm]", xlim=(0, float(h.max()) * 1.2))
     bars.invert_yaxis()
+    for name, (words, i) in zip("efgh", moments(cone).items()):
+        snapshot(drawn[name], cone.isel(time=i), cone.isel(time=0), told)
+        drawn[name].set_title(f"{words}, {float(ms[i]):.0f} ms", fontsize=8)
+        drawn[name].tick_params(labelleft=name == "e")
+    drawn["e"].set_ylabel("height [mm]")
     return figure
+
+
+def moments(cone: xr.Dataset) -> dict[str, int]:
+    """Samples of the longest intrusion: the foot lands, half of the added mass has come, all of it, the foot rests."""
+    intrudes = np.flatnonzero(cone["mode"].values == MODES.index("intrude"))
+    if intrudes.size == 0:
+        return {"at rest": 0}
+    runs = np.split(intrudes, np.flatnonzero(np.diff(intrudes) > 1) + 1)
+    one = max(runs, key=lambda r: r.size)
+    mass = cone.added_mass.values[one]
+    return {
+        "foot lands": int(one[0]),
+        "sand joins": int(one[np.argmax(mass >= 0.5 * (mass[0] + mass.max()))]),
+        "whole cone": int(one[np.argmax(mass)]),
+        "foot rests": int(min(one[-1] + 1, cone.sizes["time"] - 1)),
+    }
+
+
+ROBOT = (60.0, 150.0, 70.0, 45.0)  # mm: rest of the spring, rod, motor above the rod's lower end, motor's height
+
+
+def snapshot(axis: Axes, now: xr.Dataset, rest: xr.Dataset, told: models.ForceModels) -> None:
+    """The robot over and in the sand: foot, spring, rod, motor at their places [mm], and the sand that goes with it."""
+    spring, rod, above, high = ROBOT
+    foot, radius = 1e3 * float(now.foot), 1e3 * told.foot_radius
+    lower = 1e3 * float(rest.foot) + spring + 1e3 * float(now.rod - rest.rod)
+    motor = lower + above + 1e3 * float((now.motor - now.rod) - (rest.motor - rest.rod))
+    axis.axhspan(-110.0, 0.0, color="#e8d3a8", lw=0)
+    if float(now.added_mass) > 0.0:
+        jammed = min(-told.mu * foot, radius * np.tan(told.theta))
+        left = radius - jammed / np.tan(told.theta)
+        edge = ([-radius, radius, left, -left], [foot, foot, foot - jammed, foot - jammed])
+        axis.fill(*edge, color="#E69F00", lw=0)
+    axis.plot([-radius, radius], [foot, foot], color=MODEL, lw=3, solid_capstyle="butt")
+    turns = np.linspace(foot, lower, 11)
+    axis.plot(np.r_[0.0, 7.0 * (-1.0) ** np.arange(9), 0.0], turns, color=QUIET, lw=1)
+    axis.plot([0.0, 0.0], [lower, lower + rod], color=MEASURED, lw=3, solid_capstyle="butt")
+    axis.fill([-18.0, 18.0, 18.0, -18.0], [motor, motor, motor + high, motor + high], color=QUIET, lw=0)
+    axis.set(xlim=(-70.0, 70.0), ylim=(-110.0, 260.0), aspect="equal", xticks=[])
+    axis.grid(False)
 
 
 @figure_of(models.drag_scale)

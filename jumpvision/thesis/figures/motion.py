@@ -107,11 +107,17 @@ def bifurcation(data: xr.Dataset, Figure: NewFigure) -> Figure:
 
 @figure_of(motions.traces)
 def traces(data: xr.Dataset, Figure: NewFigure) -> Figure:
-    """A column a jump: positions, velocities, forces and powers against time; grey where the rod is in the air."""
+    """A column a jump: positions, velocities, forces and powers against time.
+
+    Light grey where the rod is in the air; dark where the ground carries less than the weight: it pulls.
+    """
     count = min(data.sizes["case"], 6)
     figure = Figure(figsize=(2.25 * count + 0.8, 8.2), layout="constrained")
     axes = figure.subplots(4, count, sharex="col", sharey="row", squeeze=False)
     t = data.time.values * 1e3
+    told = origin_of(data).values
+    weight = (told["motor_mass"] + told["rod_mass"]) * told["gravity"]  # a bit above it, a rod at rest is not pulled
+    weight *= 1.0 - 1e-6
     groups = (
         (
             ("rod_position", "rod", MEASURED, "-"),
@@ -136,11 +142,14 @@ def traces(data: xr.Dataset, Figure: NewFigure) -> Figure:
         one = data.isel(case=j)
         stop = 1e3 / float(one.case_frequency)
         air = one.rod_position.values > 0
+        pulls = ~air & (one.spring_force.values < weight)
         for i, (group, (factor, name)) in enumerate(zip(groups, scales)):
             axis: Axes = axes[i, j]
             for variable, words, color, style in group:
                 axis.plot(t, one[variable] * factor, style, color=color, lw=1.1, label=words)
-            axis.fill_between(t, 0, 1, where=air, color="#e4e4e4", lw=0, transform=axis.get_xaxis_transform(), zorder=0)
+            for where, shade in ((air, "#ececec"), (pulls, "#c4c4c4")):
+                across = axis.get_xaxis_transform()
+                axis.fill_between(t, 0, 1, where=where, color=shade, lw=0, transform=across, zorder=0)
             axis.axvline(stop, color="black", lw=0.6, ls=":")
             if j == 0:
                 axis.set_ylabel(name)

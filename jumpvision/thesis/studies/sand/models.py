@@ -106,7 +106,7 @@ def alpha_fit(s: Sweep) -> Found:
 
 @dataclass(frozen=True)
 class ForceModels:
-    """Constant drag [kg/m], start and end of the motor's upswing [s], and the law (Hz, rad, s) on its bed."""
+    """Constant drag [kg/m], start and end of the motor's upswing [s], the law (Hz, rad, s) on its bed, the cone."""
 
     alpha: float
     upswing_s: Sequence[float]
@@ -114,6 +114,9 @@ class ForceModels:
     phase: float
     delay: float
     phi: float
+    mu: float
+    theta: float
+    foot_radius: float
 
 
 @study("force-models", "granular", source="Figs 60, 61", values=("frequency", "phi", "amplitude"))
@@ -139,6 +142,7 @@ def force_models(s: Sweep) -> Found:
         m, law, here = motion(s, model, law_of, SAMPLES)
         results.append(batch(s, {n: v for n, v in law_of.items() if n != "phi"}, model))
         cone = {n: here.symbol(n) for n in ("C", "mu", "theta", "R", "phi", "rho")}
+        shape = {"mu": float(cone["mu"]), "theta": float(cone["theta"]), "foot_radius": float(cone["R"])}
         mass = cone_mass(np, z=np.maximum(-m.foot, 0.0), **cone) * (m.mode == MODES.index("intrude"))
         up = (m.t > law.stop - 0.5 / frequency) & (m.t < law.stop)  # the second half cycle
         columns = {n: getattr(m, n) for n in ("rod", "foot", "motor", "spring_force", "ground_force", "mode")}
@@ -190,7 +194,7 @@ def force_models(s: Sweep) -> Found:
         ("model",),
         stacked,
         extra,
-        facts=ForceModels(alpha, upswing_s=[numbers["start_s"][0], stop], **law_of),
+        facts=ForceModels(alpha, upswing_s=[numbers["start_s"][0], stop], **law_of, **shape),
     )
     rows = [
         s.number(
