@@ -25,7 +25,7 @@ import numpy as np
 from jumpvision.base.progress import end_with_parent
 from jumpvision.base.schema import InputError
 
-from .study import Recording, Study
+from .study import Recording, Study, may_have_slopes
 
 if TYPE_CHECKING:
     pass
@@ -111,6 +111,8 @@ def _run(study: Study, recordings: Sequence[Recording], ask: Ask) -> Given:
     """One run; what the function raises is a failure with its place."""
     try:
         if ask.slopes:
+            if not may_have_slopes(study):
+                return {}
             from .jacobian import derivatives
 
             return derivatives(study, ask.parameters, ask.of(recordings))
