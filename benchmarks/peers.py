@@ -35,6 +35,7 @@ from . import foreign_labs, servo_axis
 from .any_simulator import cause
 from .ball_drops import balls as real_balls
 from .diagnosis_real import drops
+from .servo_axis import sysid
 
 Array = NDArray[np.float64]
 Predict = Callable[[jv.Recording], Array]
@@ -368,14 +369,6 @@ def by_sysid(case: Case) -> Predict:
         return run(found[0], r)
 
     return predict
-
-
-def sysid() -> bool:
-    """Whether mujoco.sysid is whole: without its extra packages it can be imported and is empty."""
-    try:
-        return hasattr(importlib.import_module("mujoco.sysid"), "ParameterDict")
-    except ImportError:
-        return False
 
 
 CASES = {"servo": servo, "pendulum": pendulum, "balls": balls, "drive": drive}
