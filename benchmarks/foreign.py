@@ -418,7 +418,7 @@ def servo(_: Generator) -> Said:
 
     halves, study = strokes(Path(os.environ["JUMPVISION_REAL_DATA"]) / "emps"), axis()
     one, names = one_record(halves), [p.name for p in study.parameters]
-    millimetre = [jv.Channel("position", "m", noise=1e-3)]
+    millimetre = [jv.Channel("position", "m", noise=1e-3, consider=())]
     alone = jv.diagnose([one], jv.Study(study.simulate, study.parameters, [], millimetre))
     start = [float(p.start) for p in study.parameters]  # type: ignore[arg-type]
 
@@ -427,7 +427,7 @@ def servo(_: Generator) -> Said:
 
     plain = rms(least_squares(residual, start, x_scale=[1, 5, 0.5, 0.1]).fun)
     found, took = asked(halves, study)
-    walk = jv.Channel("position", "m", noise=found.noise.sigma_m, correlation=found.noise.correlation)
+    walk = jv.Channel("position", "m", noise=found.noise.sigma_m, correlation=found.noise.correlation, consider=())
     ways = (halves, halves[::-1])
     other = [rms(by_study(of, by, study, found.named, walk) - of.values) for of, by in ways]
     whole = 1e3 * alone.simulated[0].rms["position"]

@@ -79,7 +79,7 @@ def servo() -> jv.Study:
             cause("spring", "spring", (-5, 5), 0.1, "N"),
             cause("drive_lag", "lag", (0, 0.01), 0.001, "s"),
         ],
-        [jv.Channel("position", "m", process=True)],
+        [jv.Channel("position", "m", process=True, consider=())],
     )
 
 
@@ -108,14 +108,14 @@ def real_axis(halves: list[jv.Recording]) -> None:
     study = servo()
     d = jv.diagnose(halves, study)
     walk = d.noise
-    channel = jv.Channel("position", "m", noise=walk.sigma_m, correlation=walk.correlation)
+    channel = jv.Channel("position", "m", noise=walk.sigma_m, correlation=walk.correlation, consider=())
     print(f"\nServo axis\n\n{d}\n\n{d.status}; {walk.sources}; {d.runs.made if d.runs else 0} runs")
     print("\n| model | half 1 by half 2 [mm] | half 2 by half 1 [mm] | both [mm] |\n|---|---|---|---|")
     rows: list[tuple[str, Callable[[jv.Recording, jv.Recording], Array]]] = [
         ("published structure", lambda of, by: by_study(of, by, study, (), channel)),
         ("diagnosed structure", lambda of, by: by_study(of, by, study, d.named, channel)),
     ]
-    if importlib.util.find_spec("mujoco") and importlib.util.find_spec("mujoco.sysid"):
+    if sysid():
         rows.append(("mujoco.sysid: mass, damping, friction loss, offset", by_mujoco))
     if importlib.util.find_spec("pysindy"):
         rows.append(("PySINDy", by_pysindy))
@@ -178,6 +178,14 @@ def by_mujoco(of: jv.Recording, by: jv.Recording) -> Array:
 
     found, _ = sysid.optimize(initial_params=known, residual_fn=residual, optimizer="scipy", verbose=False)
     return simulated(found.as_vector(), of)
+
+
+def sysid() -> bool:
+    """Whether mujoco.sysid is whole: without the packages of mujoco[sysid] it can be imported and is empty."""
+    try:
+        return hasattr(importlib.import_module("mujoco.sysid"), "ParameterDict")
+    except ImportError:
+        return False
 
 
 def by_pysindy(of: jv.Recording, by: jv.Recording) -> Array:

@@ -158,6 +158,8 @@ def discover(
     top = max(s for _, s in better)
     level = [(f, s) for f, s in better if s >= top - LEVEL]
     best, score = min(level, key=lambda x: (at_end(x[0]), len(x[0].parameters), -x[1]))
+    level = [(f, s) for f, s in level if f is not best]
+    best = problem.polished(best, about=False)  # a fit that stopped short in a valley has neither value nor sigma
     r2 = explained(problem, base, best.chi2)
     test = detect(problem, best, directions(problem, best, _listed(problem, forms)), rng)
     if r2 < ENOUGH and test.discrepant:  # what passes leaves noise alone, a large share of a small misfit
@@ -168,7 +170,7 @@ def discover(
         best,
         r2,
         wins(problem, [f for f, _ in better], rng, TOLD),
-        tuple(f.mechanisms[-1] for f, _ in level if f is not best),
+        tuple(f.mechanisms[-1] for f, _ in level),
         test,
         score - limit,
     )

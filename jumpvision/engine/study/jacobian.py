@@ -18,8 +18,6 @@ from .study import Recording, Study
 def derivatives(study: Study, parameters: Mapping[str, float], recording: Recording) -> dict[str, Array]:
     """d(outputs) / d(parameter) (n, channels) by parameter, as far as the study or its function knows them. Raises
     InputError where a shape is another."""
-    if study.symbols or study.batch:
-        return {}
     function = study.jacobian or getattr(study.simulate, "jacobian", None) or _of_jax(study.simulate)
     if function is None:
         return {}

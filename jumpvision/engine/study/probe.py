@@ -259,10 +259,11 @@ def _at_shifts(system: Studied) -> Array:
 def _shifted(system: Studied, shares: Sequence[float]) -> _Look | None:
     """The first recording at times later by these shares of a sample; None where the function cannot be asked so."""
     runs, frame = system.runs, float(np.median(np.diff(system.recordings[0].t)))
-    first = dict(zip(system.names, [*system.rest.values(), *system.first[0].tolist()]))
-    before = len(runs.count.failures)
+    first = np.array([*system.rest.values(), *system.first[0].tolist()])
+    before, named = len(runs.count.failures), dict(zip(system.names, first.tolist()))
     try:
-        here, *there = runs.many([Ask(0, 0, first, later=s * frame) for s in (0.0, *shares)])
+        here = system._run([(0, 0, first)])[0].y
+        there = runs.many([Ask(0, 0, named, later=s * frame) for s in shares])
     except SimulatorError:
         return None
     finally:

@@ -26,7 +26,7 @@ from jumpvision.base.progress import end_with_parent
 from jumpvision.base.schema import InputError
 
 from .inputs import applied
-from .study import Recording, Study
+from .study import Recording, Study, may_have_slopes
 
 if TYPE_CHECKING:
     pass
@@ -115,6 +115,8 @@ def _run(study: Study, recordings: Sequence[Recording], ask: Ask) -> Given:
     """One run; what the function raises is a failure with its place."""
     try:
         if ask.slopes:
+            if not may_have_slopes(study):
+                return {}
             from .jacobian import derivatives
 
             return derivatives(study, *ask.of(recordings))

@@ -12,6 +12,7 @@ import dataclasses
 import functools
 import itertools
 import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -458,6 +459,12 @@ class Study:
         """The same without its functions, for a process that must not import them."""
         plain = [dataclasses.replace(m, function=None if m.function is None else _elsewhere) for m in self.mechanisms]
         return dataclasses.replace(self, simulate=_elsewhere, mechanisms=tuple(plain), jacobian=None)
+
+
+def may_have_slopes(study: Study) -> bool:
+    """Whether its function may bring derivatives of its own (`jacobian`)."""
+    own = study.jacobian or getattr(study.simulate, "jacobian", None) or "jax" in sys.modules
+    return bool(own) and not (study.symbols or study.batch)
 
 
 def as_mechanism(form: Form, size: float) -> Mechanism:
