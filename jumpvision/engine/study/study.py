@@ -27,12 +27,12 @@ from jumpvision.engine.priors import Measured
 from jumpvision.engine.series import seconds
 from jumpvision.engine.system import Parameter as Free
 
-from .forms import REACH, SHARE, Form, forms
-
 if TYPE_CHECKING:
     import pandas as pd
 
     from jumpvision.engine.laws.expression import Expression
+
+    from .forms import Form
 
 Simulate = Callable[..., Any]
 
@@ -424,6 +424,8 @@ class Study:
         """Laws of no list that its symbols allow; none without their sizes and a typical force."""
         if not self.force or not isinstance(self.symbols, Mapping):
             return ()
+        from .forms import SHARE, forms
+
         listed = {m.name for m in self.mechanisms}
         each = ((form, as_mechanism(form, SHARE * self.force)) for form in forms(self.symbols))
         return tuple((form, m) for form, m in each if m.name not in listed)
@@ -469,6 +471,8 @@ def may_have_slopes(study: Study) -> bool:
 
 def as_mechanism(form: Form, size: float) -> Mechanism:
     """A form as a mechanism of a study; size: of a force that matters."""
+    from .forms import REACH
+
     prefix = f"{form.name}_"
     shapes = [Parameter(prefix + s.name, s.start, (s.low, s.high), scale=s.scale) for s in form.shapes]
     strength = Parameter(prefix + "r", 0.0, (-REACH * size, REACH * size), scale=size)
