@@ -163,4 +163,4 @@ def test_pipeline_files(tmp_path):
     assert read_pipeline(file).stages == ("rod", "spring", "summary")
     file.write_text('stages = ["pivv"]\nextra = 1\n')
     assert len(problems_of(read_pipeline, file)) == 2
-    assert "cannot be read" in problems_of(read_pipeline, tmp_path / "none.toml")[0]
+    assert "no such file; give one, or a name: granular" in problems_of(read_pipeline, tmp_path / "none.toml")[0]

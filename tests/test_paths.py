@@ -272,7 +272,7 @@ def test_what_cannot_be_followed_is_said(tmp_path):
     with pytest.raises(NotApplicable, match="nothing is measured where they would start"):
         through(data, grid, None, None, PathsParams(spacing=20.0))
     with pytest.raises(InputError, match="spacing = 0"):
-        jv.paths(data, spacing=0)
+        jv.paths(data.assign_attrs(window_px=24, step_px=8, delta_t=1.0, origin_column_px=0.0), spacing=0)
     with pytest.raises(ValueError, match="three frames and more"):
         jv.paths(data.isel(t=0))
     # a slip of the hand asked for 134 GiB

@@ -20,7 +20,7 @@ SAMPLES = Path(__file__).parents[1] / "data_samples"
 
 
 def height(name: str, miss: float) -> Height:
-    return Height(name, "single", 7.0, None, None, 0.02, 0.03, 0.02 + miss)
+    return Height(name, "single", 7.0, None, None, 0.02, 1e-4, 0.03, 0.02 + miss)
 
 
 @pytest.fixture

@@ -90,7 +90,7 @@ def test_a_picture_that_fails_is_told_beside_what_was_found(tmp_path, monkeypatc
 def test_the_jumps_are_known_before_a_film_is_matched(tmp_path):
     """Once, with every experiment, before the film is told; the track known then is the one known at last."""
     campaign, results = write_campaign(tmp_path / "campaign", 2), tmp_path / "results"
-    film = grain_film(campaign / "film", 80)
+    film = grain_film(campaign / "film", 200)  # longer than the jumps, also where processes start slowly
     table = (campaign / "jump-0000" / "experiment.toml").read_text()
     (film / "experiment.toml").write_text(table + (film / "experiment.toml").read_text())
     track = (campaign / "jump-0000" / "rod_track.csv").read_text().splitlines()[:-1]  # its own, or it may be cached

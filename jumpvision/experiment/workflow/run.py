@@ -55,7 +55,8 @@ class Pipeline:
 def pipelines() -> Path:
     """The folder of the pipelines that are shipped: in the installed package, or beside it in a checkout."""
     here = Path(jumpvision.__file__).parent
-    return next(p for p in (here / "pipelines", here.parent / "pipelines") if p.is_dir())
+    inside = here / "pipelines"
+    return inside if inside.is_dir() else here.parent / "pipelines"
 
 
 def read_pipeline(file: Path) -> Pipeline:
