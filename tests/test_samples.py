@@ -54,7 +54,7 @@ def processor_time() -> float:
 def results(tmp_path_factory) -> Path:
     """Both samples analysed once, about 100 s on two cores; pictures of one are enough here."""
     root = tmp_path_factory.mktemp("results")
-    for name, options in (("hard_ground", ()), ("loose_sand", ("--no-pictures",))):
+    for name, options in (("hard_ground", ()), ("loose_sand", ("--no-pictures", "--table"))):
         done = run(SAMPLES / name, root / name, *options)
         assert done.returncode == 0, done.stderr
         (root / f"{name}.out").write_text(done.stdout)

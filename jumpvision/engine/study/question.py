@@ -55,7 +55,9 @@ class _Asked(Order):
         """Nats that a law has to gain: those of numbers of single recordings that explain all; inf where none is
         asked for."""
         varies, naming = found.varies, found.naming
-        if found.law or (found.adequate and not varies) or (varies and varies.aside and varies.mistaken):
+        if found.law or (found.adequate and not varies):
+            return math.inf
+        if varies and (varies.mistaken if varies.aside else naming and varies.slipped(naming.named)):
             return math.inf
         if naming is None or naming.status != Status.COMPLETE or (varies and varies.aside):
             return -math.inf

@@ -62,6 +62,10 @@ class Varies:
         """Whether every recording that is set aside was driven as another, or has a number that is far off."""
         return all(i in self.commands or (i in self.slips and self.slips[i].far) for i in self.aside)
 
+    def slipped(self, named: Sequence[str]) -> bool:
+        """Whether all that is named is numbers of single recordings that are off by a factor."""
+        return self.only_odd(named) and all(p.pattern.far(p.coefficients) for p in self.patterns)
+
     def only_odd(self, named: Sequence[str]) -> bool:
         """Whether all that is named is of recordings that stand apart."""
         odd = {v.pattern.name for v in self.patterns if v.pattern.kind is Kind.ODD}

@@ -77,6 +77,11 @@ class Pattern:
             return self.widths
         return np.array([v.spread for v in self.variables])
 
+    def far(self, coefficients: Array) -> bool:
+        """Whether a number is off by a factor, as what was entered wrong is."""
+        changes = zip(self.variables, coefficients)
+        return any(v.relative and not 1.0 / FAR < 1.0 + float(x) < FAR for v, x in changes)
+
     def changes(self, coefficients: Array) -> dict[str, Array]:
         """(N,) of every number that it changes."""
         out: dict[str, Array] = {}
@@ -109,8 +114,7 @@ class Weighed:
     @property
     def far(self) -> bool:
         """Whether a number is off by a factor, as what was entered wrong is."""
-        changes = zip(self.pattern.variables, self.coefficients)
-        return any(v.relative and not 1.0 / FAR < 1.0 + float(x) < FAR for v, x in changes)
+        return self.pattern.far(self.coefficients)
 
 
 @dataclass(frozen=True)
