@@ -194,7 +194,7 @@ def made(place, monkeypatch) -> Iterator[list[Figure]]:
 def carried_out(command: str, made: list[Figure]) -> list[Figure]:
     """The figures of a command of the page, run once."""
     if command not in DRAWN:
-        words = shlex.split(command.removesuffix(" --results results"))  # each has a folder of its own
+        words = shlex.split(command.replace(" --results results", ""))  # each has a folder of its own
         name = words[words.index("--analysis") + 1] if "--analysis" in words else ""
         if words[:2] == ["run", "intrusions"] and not Path("intrusions").exists():
             assert main(["synth", "intrusions.toml", "intrusions", "--workers", "1"]) == 0
