@@ -460,7 +460,9 @@ def test_the_command_asks_a_simulator_that_is_named(campaign):
     )
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
-    assert found["named"] == ["creep"] and abs(found["fitted"]["creep"]["value"] - 1e-3) < 1e-4
+    # beside it a zero may be named: heights count from a mean of noisy ones before the motor starts
+    assert found["named"][0] == "creep" and set(found["named"]) <= {"creep", "height_zero"}
+    assert abs(found["fitted"]["creep"]["value"] - 1e-3) < 1e-4
     results = campaign.parent / "results" / "rods"
     assert {"diagnosis.json", "samples.csv", "diagnosis.png", "report.html"} <= {f.name for f in results.iterdir()}
     again = command(
