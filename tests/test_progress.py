@@ -66,7 +66,7 @@ def test_one_line_a_phase_and_none_says_that_nothing_is_left(capsys):
         shown.question("fitting the baseline")
         shown.question("testing it")
         for name in names[:3]:
-            shown.drawn(Ended(name, 1.0), names[:3])
+            shown.pictures(Ended(name, 1.0), names[:3])
     told = capsys.readouterr().err.splitlines()
     assert told == [
         f"[1/3] experiments: {names[3]} failed",

@@ -101,8 +101,8 @@ def test_an_input_in_the_wrong_unit():
 def test_two_recordings_with_each_other_s_inputs():
     given = [STARTS[{2: 4, 4: 2}.get(i, i)] for i in range(8)]
     found = jv.diagnose(swings(given), pendulum.study())
-    assert "swing 2 follows the command of swing 4" in found.sentence, found.sentence
-    assert "swing 4 follows the command of swing 2" in found.sentence
+    assert "swing 2 follows the inputs of swing 4, not what its own say" in found.sentence, found.sentence
+    assert "swing 4 follows the inputs of swing 2" in found.sentence
 
 
 def test_only_inputs_that_are_measured_and_differ_are_asked_of():

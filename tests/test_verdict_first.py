@@ -29,7 +29,7 @@ class Watching:
     def experiment(self, outcome):
         self.ended.append(outcome.name)
 
-    def drawn(self, outcome, names):
+    def pictures(self, outcome, names):
         self.drew.append(outcome.name)
 
     def found(self, run):

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from jumpvision.experiment.inputs.experiment import Campaign, Experiment
     from jumpvision.experiment.workflow.run import Outcome
 
+EXPERIMENTS, DIAGNOSIS, PICTURES = "experiments", "diagnosis", "pictures"  # phases of a run
 EVERY = 20.0  # s between two lines of one phase where no line can be written over
 
 
@@ -145,7 +146,7 @@ class Progress:
         """One experiment has ended."""
         self._job(EXPERIMENTS, outcome, self.jobs)
 
-    def drawn(self, outcome: Outcome, names: Sequence[str]) -> None:
+    def pictures(self, outcome: Outcome, names: Sequence[str]) -> None:
         """The pictures of one experiment, of these, are drawn."""
         self._job(PICTURES, outcome, {n: self.jobs[n] for n in names})
 
@@ -227,6 +228,3 @@ class Progress:
         if phase.task is None:
             phase.task = self.bar.add_task(text, total=phase.total)  # type: ignore[attr-defined]
         self.bar.update(phase.task, description=text, completed=done)  # type: ignore[attr-defined]
-
-
-EXPERIMENTS, DIAGNOSIS, PICTURES = "experiments", "diagnosis", "pictures"

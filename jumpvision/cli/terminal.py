@@ -320,7 +320,7 @@ def _experiments(campaign: Campaign, outcomes: Sequence[Outcome], diagnosis: Dia
     if not any(o.summary for o in outcomes):
         return
     why = odd(campaign, outcomes, diagnosis)
-    whole |= diagnosis is None or len(outcomes) <= FEW  # without a verdict the table is what was found
+    whole = whole or diagnosis is None or len(outcomes) <= FEW  # without a verdict the table is what was found
     shown = [o for o in outcomes if whole or o.name in why]
     told = [o for o in shown if o.summary or o.errors]
     if diagnosis:

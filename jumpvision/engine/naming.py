@@ -84,7 +84,7 @@ def name(
     search.run(enough)
     if beside is not None:
         search.race(varying(search, beside))
-        likelier_than(search, frozenset(beside.mechanisms))
+        check_likelier(search, frozenset(beside.mechanisms))
     passing = likelier(search)
     key = passing[0] if passing else established(search)
     if key:
@@ -111,8 +111,9 @@ def name(
     return Naming(named, status, best, tried, twins, share, probabilities, wider, suffices, by_chance)
 
 
-def likelier_than(search: Search, key: Key) -> None:
-    """Tests the sets that are likelier than one, the likeliest first, down to one that passes."""
+def check_likelier(search: Search, key: Key) -> None:
+    """Tests the sets that are likelier than a given one, the likeliest first, until one passes. A search ends with the
+    smallest sets that pass, before larger ones are tested."""
     chance = search.log_probability
     for k in sorted((k for k in search.fits if chance(k) > chance(key)), key=lambda k: -chance(k)):
         if not search.test(k).discrepant:

@@ -128,8 +128,7 @@ class Diagnosis(Record):
     @property
     def could_hide(self) -> str:
         """Strengths up to which mechanisms that are not named would not have shown with 90 % power; "" where none."""
-        plain = [d for d in self.detectable if "/" not in d.mechanism]  # not ways in which a number varies
-        said = ", ".join(f"{d.mechanism} {at}" for d in plain if (at := hidden_up_to(d)))
+        said = ", ".join(f"{d.mechanism} {at}" for d in self.detectable if (at := hidden_up_to(d)))
         return f"Would have shown with 90 % power from: {said}." if said else ""
 
     def names(self, cause: Cause) -> bool:

@@ -70,6 +70,12 @@ def twins(each: Sequence[Sequence[str]], called: Mapping[str, str]) -> tuple[tup
     return tuple(t for t in names if len(t) > 1)
 
 
+def detectable(d: Findings) -> tuple[record.Detectable, ...]:
+    """Of the mechanisms; what varies between recordings has no strength of its own."""
+    plain = (x for x in d.detectable if x.mechanism not in patterns(d))
+    return tuple(record.Detectable(x.mechanism, x.parameter, x.value, x.unit) for x in plain)
+
+
 def document(d: Findings, speaker: Speaker, stopped: str = "") -> Diagnosis:
     """The record of findings. stopped: why they are not all that there could be; "" where they are."""
     d = worth_telling(d)
@@ -90,7 +96,7 @@ def document(d: Findings, speaker: Speaker, stopped: str = "") -> Diagnosis:
         named=forces(d, n.named) if n else (),
         status=n.status if n else record.Status.UNDETERMINED if stopped else record.Status.COMPLETE,
         left_over=left_over(d, speaker),
-        detectable=tuple(record.Detectable(x.mechanism, x.parameter, x.value, x.unit) for x in d.detectable),
+        detectable=detectable(d),
         indistinguishable=twins(n.twins, called) if n else (),
         closest=closest(d, speaker),
         unexplained=d.left if d.left and d.left.terms else None,

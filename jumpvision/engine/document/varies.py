@@ -22,7 +22,8 @@ def varies_in_words(v: Varies, words: Words) -> str:
     if v.unit == FRAMES and v.kind is not Pattern.SCATTER:
         return _lost(v)
     if v.kind is Pattern.ODD and v.parameter == COMMAND:
-        return f"{v.recordings[0]} follows the command of {v.at[v.recordings[0]]}, not what its {words.declared_in}"
+        like = v.at[v.recordings[0]]
+        return f"{v.recordings[0]} follows the {words.command} of {like}, not what its {words.declared_in}"
     if v.kind is Pattern.ODD and v.parameter == RECORDING:
         return f"{some(v.recordings)} does not fit, and no single number of it explains why"
     if v.kind is Pattern.ODD:

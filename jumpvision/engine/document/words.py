@@ -15,8 +15,9 @@ class Words:
     lacking, by mechanism; called: the same beside others, where it is shorter. acts_on: what a law of no list is.
     apart: by what a quantity is measured beside the motions, and by what motions.
 
-    quantities: numbers that may vary, by name; drive: those that say how a recording was driven, declared_in: where
-    they stand; one: a recording. known: what a number may go with, its words and unit by name.
+    quantities: numbers that may vary, by name; drive: those that say how a recording was driven, together its
+    command; declared_in: where they stand; one: a recording. known: what a number may go with, its words and unit by
+    name.
     """
 
     misses: str
@@ -30,7 +31,8 @@ class Words:
     apart: tuple[str, str] = ("Measurements", "recordings")
     quantities: Mapping[str, str] = field(default_factory=dict)
     drive: Collection[str] = ()
-    declared_in: str = "inputs say"
+    command: str = "inputs"
+    declared_in: str = "own say"
     one: str = "recording"
     known: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 

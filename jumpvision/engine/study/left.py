@@ -11,7 +11,7 @@ from jumpvision.base.arrays import Array
 from jumpvision.base.numbers import said
 from jumpvision.engine.fitting import Fit
 
-from .system import Studied
+from .system import Studied, thirds
 
 THIRDS = (1 / 3, 2 / 3)
 MOST, TIMES = 0.5, 1.5  # of the excess of chi^2 in a cell, and over its share of the samples, from which it is told
@@ -36,9 +36,9 @@ def _cells(system: Studied, fit: Fit) -> Iterator[tuple[str, str, NDArray[np.boo
     of = np.repeat(np.arange(len(observations)), [o.t.size for o in observations])
     for i, o in enumerate(observations if len(observations) > 1 else []):
         yield "recording", f"in {o.name}", of == i
-    share = np.concatenate([(o.t - o.t.min()) / max(np.ptp(o.t), 1e-300) for o in observations])
-    for name, here in zip(("first", "second", "last"), _thirds(share, *THIRDS)):
-        yield "time", f"in the {name} third of the records", here
+    part = np.concatenate([thirds(o.t) for o in observations])
+    for name in dict.fromkeys(part.tolist()):
+        yield "time", f"in the {name} of the records", part == name
     predicted = system.predict(fit.mechanisms, fit.named, every)
     for k, (c, unit) in enumerate(zip(system.study.channels, system.units)):
         value, rate = (np.full(of.size, np.nan) for _ in range(2))

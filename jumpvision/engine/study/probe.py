@@ -204,7 +204,7 @@ class _Slopes:
             return None
         x = _values(self.system, p, 0)
         if (key := tuple(x.tolist())) not in self.known:
-            asked = Ask(0, 0, dict(zip(self.system.names, key)))
+            asked = Ask(0, 0, self.system.given(x))
             (self.known[key],) = self.system.runs.slopes([asked])
         return self.known[key].get(p.name)
 
@@ -260,10 +260,10 @@ def _shifted(system: Studied, shares: Sequence[float]) -> _Look | None:
     """The first recording at times later by these shares of a sample; None where the function cannot be asked so."""
     runs, frame = system.runs, float(np.median(np.diff(system.recordings[0].t)))
     first = np.array([*system.rest.values(), *system.first[0].tolist()])
-    before, named = len(runs.count.failures), dict(zip(system.names, first.tolist()))
+    before = len(runs.count.failures)
     try:
         here = system._run([(0, 0, first)])[0].y
-        there = runs.many([Ask(0, 0, named, later=s * frame) for s in shares])
+        there = runs.many([Ask(0, 0, system.given(first), later=s * frame) for s in shares])
     except SimulatorError:
         return None
     finally:

@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -27,9 +27,6 @@ from jumpvision.base.schema import InputError
 
 from .inputs import applied
 from .study import Recording, Study, may_have_slopes
-
-if TYPE_CHECKING:
-    pass
 
 START = 120.0  # s that a process may take to import a simulator
 FORM = "--simulator {}: must be MODULE:NAME, as in pendulum:study or lab/pendulum.py:study"

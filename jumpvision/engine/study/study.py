@@ -296,17 +296,17 @@ class Channel:
         return f"{self.name}_{law}"
 
     @property
-    def known(self) -> dict[str, float]:
-        """How well the laws of its instrument are known, where that is told."""
-        told = {"scale": self.scale_sigma, "delay": self.delay_sigma}
-        return {law: sigma for law, sigma in told.items() if sigma > 0}
+    def sigmas(self) -> dict[str, float]:
+        """How well scale and delay of its instrument are known, where that is stated."""
+        stated = {"scale": self.scale_sigma, "delay": self.delay_sigma}
+        return {law: sigma for law, sigma in stated.items() if sigma > 0}
 
     @property
-    def asked(self) -> tuple[str, ...]:
-        """The laws of its instrument that may be the cause, where the user names none those that nothing else tells."""
+    def laws(self) -> tuple[str, ...]:
+        """The laws of its instrument that may be the cause: those of `consider`, or all of which nothing is stated."""
         if self.consider is not None:
             return tuple(self.consider)
-        return tuple(n for n in INSTRUMENT if n not in self.known and not (n == "zero" and self.zero_sigma > 0))
+        return tuple(n for n in INSTRUMENT if n not in self.sigmas and not (n == "zero" and self.zero_sigma > 0))
 
 
 # of the law of an instrument: null, range, a change that matters; unit and words, {} the channel's. Of a delay and a
@@ -368,7 +368,7 @@ class Study:
                 "study: jacobian: it knows no laws, and is of one run; leave out symbols, batch or jacobian"
             )
         problems += [problem for m in self.mechanisms if m.law and (problem := self.law_problem(m))]
-        told = [c.name_of(n) for c in self.channels for n in {*self.considered(c), *c.known}]
+        told = [c.name_of(n) for c in self.channels for n in {*self.considered(c), *c.sigmas}]
         shared = [*(p.name for p in self.parameters), *told]
         own = [p.name for m in self.mechanisms for p in m.parameters]
         for what, names in (
@@ -443,7 +443,7 @@ class Study:
         """The laws of a channel's instrument that may be the cause; by default none that the user has of his own."""
         own = {p.name for p in self.parameters} | {m.name for m in self.mechanisms}
         own |= {p.name for m in self.mechanisms for p in m.parameters}
-        return tuple(n for n in c.asked if c.consider is not None or c.name_of(n) not in own)
+        return tuple(n for n in c.laws if c.consider is not None or c.name_of(n) not in own)
 
     @property
     def vocabulary(self) -> tuple[Mechanism, ...]:

@@ -16,12 +16,11 @@ from numbers import Real
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
-import scipy
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
 from jumpvision.engine.noise.whitening import Whitening, axes
-from jumpvision.engine.series import places
+from jumpvision.engine.series import at_times, places
 from jumpvision.engine.system import Block, Candidate, Circumstances, Observation, Parameter
 
 from .inputs import factors_of
@@ -37,7 +36,6 @@ if TYPE_CHECKING:  # imported where a number of a recording is its own: most que
 OLD = 6  # times that a derivative is handed on
 LEAP = 3.0  # sigmas that its values may move in a round
 SPREAD, STEP = 0.1, 1e-3  # shares: what recordings may plausibly differ by at least, step of derivatives
-BEYOND = 3.0  # samples past the ends of a record up to which its motion is continued
 DUMMY = "chosen_"  # an alternative function without parameters has one that does nothing
 
 
@@ -73,7 +71,7 @@ class Studied:
         idle = set(self.probed.idle)
         own = tuple(p.free() for p in study.parameters if not p.each and p.name not in idle)
         self.baseline = own + self._instruments()
-        self.laws = [{n: INSTRUMENT[n] for n in {*study.considered(c), *c.known}} for c in study.channels]
+        self.laws = [{n: INSTRUMENT[n] for n in {*study.considered(c), *c.sigmas}} for c in study.channels]
         self.mechanisms = {m.name: m for m in study.vocabulary if not self._absent(m)}
         self.candidates = {n: self._candidate(m, frame) for n, m in self.mechanisms.items()}
         self.inputs = factors_of(self.recordings)
@@ -114,7 +112,7 @@ class Studied:
         """What is known of scales and clocks, as parameters with a prior."""
         out = []
         for c in self.study.channels:
-            for law, sigma in c.known.items():
+            for law, sigma in c.sigmas.items():
                 null, unit = INSTRUMENT[law][0], READS[law][0]
                 out.append(Parameter(c.name_of(law), null, null - 8 * sigma, null + 8 * sigma, sigma, sigma, unit))
         return tuple(out)
@@ -309,7 +307,7 @@ class Studied:
         changes = self.changes(mechanisms, values)
         x = self._point(which, function, self._moved(which, x, changes), mechanisms)
         try:
-            y = self.runs.many([Ask(function, which, self._given(x), like)])[0]
+            y = self.runs.many([Ask(function, which, self.given(x), like)])[0]
         except SimulatorError:
             return none
         return self._reported(which, self._turned(which, y, mechanisms, values), changes)
@@ -581,12 +579,12 @@ class Studied:
         """The runs (recording, function, x) as points of the memory."""
         keys = [(i, function, x.tobytes()) for i, function, x in wanted]
         new = {k: w for k, w in zip(keys, wanted) if k not in self.points}
-        asked = [Ask(f, i, self._given(x)) for i, f, x in new.values()]
+        asked = [Ask(f, i, self.given(x)) for i, f, x in new.values()]
         for (key, (_, _, x)), y in zip(new.items(), self.runs.many(asked)):
             self.points[key] = _Point(x, y)
         return [self.points[k] for k in keys]
 
-    def _given(self, x: Array) -> dict[str, float]:
+    def given(self, x: Array) -> dict[str, float]:
         """What a run is made with: parameters, and factors on inputs that are not as they are given."""
         return {n: v for n, v in zip(self.names, x.tolist()) if not (n in self.inputs and v == 1.0)}
 
@@ -628,7 +626,7 @@ class Studied:
         """The function's own derivatives in the place of differences, where they were found right."""
         exact = {k for k, n in enumerate(self.names) if n in self.probed.exact} if function == 0 else set()
         which = [i for i, missing in lacking.items() if exact & set(missing)]
-        asked = [Ask(0, i, self._given(found[i].x)) for i in which]
+        asked = [Ask(0, i, self.given(found[i].x)) for i in which]
         for i, given in zip(which, self.runs.slopes(asked) if asked else ()):
             here, had = found[i], [k for k in lacking[i] if k in exact and self.names[k] in given]
             here.columns.update({k: given[self.names[k]] for k in had})
@@ -745,12 +743,10 @@ def _start(start: object, recording: Recording) -> float:
 
 
 def later(t: Array, y: Array, delay: float | Array) -> Array:
-    """y (n,) a delay [s], one or (n,), later, by a cubic spline that goes on for a few samples past the ends of the
-    record; beyond that as it was there."""
+    """y (n,) a delay [s], one or (n,), later."""
     if not np.any(delay) or not np.all(np.isfinite(y)):
         return y
-    past = BEYOND * float(np.median(np.diff(t)))
-    return np.asarray(scipy.interpolate.CubicSpline(t, y)(np.clip(t - delay, t[0] - past, t[-1] + past)))
+    return at_times(t, y, t - delay)
 
 
 def thirds(t: Array) -> Array:

@@ -25,13 +25,14 @@ from .variables import Variable
 SHARE = 6  # one recording in so many may stand apart
 EXCHANGE = 8  # recordings from which two may, which were exchanged
 HALF = 0.5  # of the excess of chi^2 that must go with each recording left out, or they are not a few odd ones
-SLIPS = (10.0, 100.0, 1000.0, 2.0, 2.0 * math.pi, 9.81, 180.0 / math.pi, 25.4, 60.0)  # of a unit or a decimal point
+# factors of a slip: decimal points, radius and diameter, Hz and rad/s, kgf and N, degrees, inches, minutes
+SLIPS = (10.0, 100.0, 1000.0, 2.0, 2.0 * math.pi, 9.81, 180.0 / math.pi, 25.4, 60.0)
 FACTORS = tuple(x for f in SLIPS for x in (f, 1.0 / f))
 FEW = 6  # numbers that are tried two by two: those that alone do best
 SINGLE = 1e-3  # chance below which a recording stands apart, or is not described by its numbers
 MOST = 0.1  # share of its chi^2 that it may keep for a mistake to be looked into where a force hides, too
 SLIP = 1e-3  # share of its chi^2 that a recording may keep where a number of it is far off
-TWIN = 3.0  # nats behind the best number of a recording, within which another does as well: odds of 20
+AS_WELL = 3.0  # nats behind the best number of a recording, within which another does as well: odds of 20
 LAPS = 12  # of Gauss-Newton, damped: a start may be far off
 
 
@@ -252,7 +253,7 @@ def _best(tried: Sequence[_Tried], alone: _Alone, count: int) -> Weighed | None:
     if not tried:
         return None
     best = max(tried, key=lambda x: x.log_evidence)
-    alike = [x for x in tried if x.log_evidence > best.log_evidence - TWIN]
+    alike = [x for x in tried if x.log_evidence > best.log_evidence - AS_WELL]
     best = next((x for x in alike if all(v.drive for v in x.variables)), best)  # entered by hand for each recording
     slip = best.found.chi2 < SLIP * alone.chi2((), np.zeros(0))
     if not (slip or _describes(alone.problem, alone.i, best.found.chi2)):

@@ -10,6 +10,7 @@ from typing import Any, Protocol, Self, runtime_checkable
 import numpy as np
 
 from jumpvision.base.arrays import Array
+from jumpvision.engine.series import at_times
 from jumpvision.engine.system import Observation, System
 
 RARE = 10.0  # odds against a constant of the build, which nobody touches between recordings: its order, not fitted
@@ -84,7 +85,6 @@ SCALE, OFFSET, RATE, LOST = "scale", "clock_offset", "clock_rate", "lost_frames"
 CLOCK = (OFFSET, RATE, LOST)
 INSTRUMENT = (SCALE, *CLOCK)
 SINCE = "lost_since"  # beside lost frames: when, in every recording [s]
-BEYOND = 3.0  # samples past the ends of a record up to which its motion is continued
 
 
 def instruments(observations: Sequence[Observation]) -> dict[str, Variable]:
@@ -107,7 +107,9 @@ def shown(o: Observation, y: Array, faults: Mapping[str, float], since: float) -
     if any(faults.get(n) for n in CLOCK):
         y = y.copy()
         for block in [b.readings for b in o.blocks] or [slice(0, o.t.size)]:
-            y[block] = _at(o.t[block], y[block], true_times(o.t[block], faults, since))
+            t, here = o.t[block], y[block]
+            whole = t.size >= 4 and bool(np.isfinite(here).all())
+            y[block] = at_times(t, here, true_times(t, faults, since)) if whole else np.nan
     return (1.0 + faults.get(SCALE, 0.0)) * y
 
 
@@ -115,16 +117,6 @@ def true_times(t: Array, faults: Mapping[str, float], since: float) -> Array:
     """When frames stamped t (n,) [s] were taken, by a clock with these faults."""
     offset, rate, lost = (faults.get(n, 0.0) for n in CLOCK)
     return np.asarray(t + offset + rate * (t - t[0]) + lost * float(np.median(np.diff(t))) * (t >= since))
-
-
-def _at(t: Array, y: Array, at: Array) -> Array:
-    """y (n,) at other times, by a cubic spline that goes on for BEYOND samples past its ends."""
-    if t.size < 4 or not np.all(np.isfinite(y)):
-        return np.full(at.shape, np.nan)
-    from scipy.interpolate import CubicSpline
-
-    past = BEYOND * float(np.median(np.diff(t)))
-    return np.asarray(CubicSpline(t, y)(np.clip(at, t[0] - past, t[-1] + past)))
 
 
 def faults_of(changes: Changes) -> Changes:

@@ -183,9 +183,8 @@ def _score(
     return _summed(problem, rows, ())
 
 
-Row = tuple[
-    float, float, int, float, float
-]  # of an observation: sums of squares of two models, samples, theirs of heights
+# of an observation: sums of squares of two models, samples, squares of what their heights are off
+Row = tuple[float, float, int, float, float]
 
 
 def _errors(problem: Problem, before: Fit, after: Fit, held: Sequence[int], stops: Sequence[float]) -> dict[int, Row]:

@@ -45,7 +45,7 @@ class Watcher(Protocol):
     def experiment(self, outcome: Outcome) -> None:
         """One experiment of a campaign has ended."""
 
-    def drawn(self, outcome: Outcome, names: Sequence[str]) -> None:
+    def pictures(self, outcome: Outcome, names: Sequence[str]) -> None:
         """The pictures of an experiment of a campaign, one of these, are drawn."""
 
     def found(self, run: Run) -> None:
@@ -145,7 +145,7 @@ def run_folder(
         if watcher is not None:
             watcher.found(run)
         undrawn = [o.name for o in run.outcomes if o.undrawn]
-        report = (lambda outcome: watcher.drawn(outcome, undrawn)) if watcher else None
+        report = (lambda outcome: watcher.pictures(outcome, undrawn)) if watcher else None
         run.outcomes = draw_experiments(campaign, plan, run.outcomes, workers=workers, done=report)
     finally:
         made_of = {o.name: _digest(campaign[o.name], o) for o in run.outcomes}

@@ -111,16 +111,16 @@ def draw(
 ) -> list[Outcome]:
     """The outcomes of `run_campaign` with the pictures that it left, `workers` experiments at a time; done: is told of
     each, with the seconds of its pictures."""
-    made, before = ({o.name: o for o in outcomes} for _ in range(2))
+    made, before = {o.name: o for o in outcomes}, {o.name: o.seconds for o in outcomes}
 
-    def drawn(name: str, outcome: Outcome) -> None:
+    def ended(name: str, outcome: Outcome) -> None:
         made[name] = outcome
         if done is not None:
-            done(replace(outcome, seconds=outcome.seconds - before[name].seconds))
+            done(replace(outcome, seconds=outcome.seconds - before[name]))
 
     jobs = {e.name: Job(e, plan, plan.results / e.name, made[e.name]) for e in campaign.experiments}
     with no_leftovers(plan):
-        _all(_longest_first({n: job for n, job in jobs.items() if made[n].undrawn}), workers, drawn)
+        _all(_longest_first({n: job for n, job in jobs.items() if made[n].undrawn}), workers, ended)
     return list(made.values())
 
 

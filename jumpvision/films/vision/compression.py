@@ -21,7 +21,8 @@ LEAST, SURE, PAIRS = 0.05, 3.0, 4  # share of the blocks; standard deviations; p
 NEW_CODECS = ("h264", "hevc", "vp9", "av1")
 TOLD = 0.005  # px, from which on it is said
 CODED = (
-    "compressed{}: vectors may be off by {:.2g} px, whole fields at once, as their sigma says; save FFV1, PNG or raw"
+    "compressed{}: all displacements of a pair of frames may be off together by {:.2g} px, which their sigmas include; "
+    "FFV1, PNG or raw films lose nothing"
 )
 
 

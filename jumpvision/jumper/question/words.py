@@ -214,6 +214,7 @@ def words_of(d: Diagnosis, lacks: Mapping[str, str] = MappingProxyType({})) -> W
         apart=APART,
         quantities=QUANTITIES,
         drive=DRIVE,
+        command="command",
         declared_in="experiment.toml says",
         one="jump",
         known=KNOWN,

@@ -7,8 +7,8 @@ from itertools import groupby
 
 import numpy as np
 
-from jumpvision.base.arrays import Array
 from jumpvision.engine.document.diagnosis import Diagnosis
+from jumpvision.engine.document.document import rms
 from jumpvision.engine.document.values import Trace
 
 from .charts import MOST, Chart, Panel, axis, chart, panel, series
@@ -25,11 +25,6 @@ def recordings_charts(d: Diagnosis) -> list[Chart]:
 def _worst(traces: Sequence[Trace]) -> float:
     """The largest error of the simulation in the range of its channel."""
     return max(rms(x.measured - x.simulated) / max(float(np.ptp(x.measured)), 1e-300) for x in traces)
-
-
-def rms(values: Array) -> float:
-    """Root mean square."""
-    return float(np.sqrt(np.mean(values * values)))
 
 
 def _recording(name: str, traces: Sequence[Trace], d: Diagnosis) -> Chart:

@@ -138,8 +138,8 @@ def alpha_fit(data: xr.Dataset, Figure: NewFigure) -> Figure:
 def force_models(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """Motion with the cone, spring force with every force model, what it comes to; four moments of the landing."""
     figure = Figure(figsize=(10.6, 9.2), layout="constrained")
-    drawn = figure.subplot_mosaic("aabb;ccdd;efgh", height_ratios=(1, 1, 1.1))
-    motion, push, feet, bars = (drawn[n] for n in "abcd")
+    upper, lower = figure.subfigures(2, 1, height_ratios=(2.0, 1.1)).flat  # type: ignore[union-attr]
+    (motion, push), (feet, bars) = upper.subplots(2, 2)
     ms = data.time * 1e3
     told = attributes_of(models.ForceModels, data)
     up = [x * 1e3 for x in told.upswing_s]
@@ -169,11 +169,11 @@ def force_models(data: xr.Dataset, Figure: NewFigure) -> Figure:
         bars.text(float(h[i]) + 0.4, i, f"{float(data.mean_push_N.sel(model=name)):.1f} N", va="center", fontsize=7)
     bars.set(title="jump height; mean spring force in the upswing", xlabel="[mm]", xlim=(0, float(h.max()) * 1.2))
     bars.invert_yaxis()
-    for name, (words, i) in zip("efgh", moments(cone).items()):
-        snapshot(drawn[name], cone.isel(time=i), cone.isel(time=0), told)
-        drawn[name].set_title(f"{words}, {float(ms[i]):.0f} ms", fontsize=8)
-        drawn[name].tick_params(labelleft=name == "e")
-    drawn["e"].set_ylabel("height [mm]")
+    row = lower.subplots(1, 4, sharey=True)
+    for axis, (words, i) in zip(row, moments(cone).items()):
+        snapshot(axis, cone.isel(time=i), cone.isel(time=0), told)
+        axis.set_title(f"{words}, {float(ms[i]):.1f} ms", fontsize=8)
+    row[0].set_ylabel("height [mm]")
     return figure
 
 
