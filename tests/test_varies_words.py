@@ -12,7 +12,7 @@ from diagnosis_sample import diagnosis
 from jumpvision.base.arrays import Z90
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.sentence import sentence as in_words
-from jumpvision.engine.document.values import Closest, LeftOver, Pattern, Unexplained, Varies
+from jumpvision.engine.document.values import Closest, LeftOver, Parameter, Pattern, Unexplained, Varies
 from jumpvision.engine.document.varies import varies_in_words
 from jumpvision.engine.document.words import Words
 from jumpvision.jumper.question.words import sentence, words_of
@@ -193,3 +193,11 @@ def _cause():
     from diagnosis_sample import causes
 
     return causes(("tilt",), {})[0]
+
+
+@pytest.mark.parametrize(
+    ("value", "half", "text"),
+    [(60.0, 1.2e-3, "60 (59.9988 to 60.0012) m"), (60.0, 5.0, "60 (55 to 65) m"), (0.0, 0.1, "0 (-0.1 to 0.1) m")],
+)
+def test_an_interval_has_the_digits_that_tell_its_ends_apart(value, half, text):
+    assert str(Parameter(value, value - half, value + half, "m")) == text

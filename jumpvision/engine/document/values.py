@@ -68,7 +68,10 @@ class Parameter:
 
     def __str__(self) -> str:
         unit = "" if self.unit == "1" else self.unit
-        return f"{said(self.value, '.4g')}{between(self.low, self.high, '.4g')} {unit}".rstrip()
+        known = math.isfinite(self.sigma) and self.sigma > 0.0 and self.value != 0.0
+        figures = max(4, 2 + math.ceil(math.log10(abs(self.value) / self.sigma))) if known else 4
+        spec = f".{figures}g"  # two of sigma's at least: the ends of an interval are not one number
+        return f"{said(self.value, spec)}{between(self.low, self.high, spec)} {unit}".rstrip()
 
 
 @dataclass(frozen=True)
