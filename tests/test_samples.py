@@ -237,21 +237,29 @@ LIBRARIES = "import numpy, pandas, xarray, numba, cv2, scipy.linalg, scipy.optim
 
 
 def test_the_second_run_recomputes_nothing_and_says_so(results):
-    """In processor time, which tests beside this one hardly lengthen: at most four times what loading its libraries
-    takes (2.5 idle, 3.1 beside others; above 50 when the diagnosis is done again)."""
-    before = processor_time()
-    subprocess.run([sys.executable, "-c", LIBRARIES], check=True)
-    libraries = processor_time() - before
-    options = ("--json", "--no-pictures")  # another command than the first: its pages are new
-    run(SAMPLES / "loose_sand", results / "loose_sand", *options)
-    between = processor_time()
-    done = run(SAMPLES / "loose_sand", results / "loose_sand", *options)
-    again = processor_time() - between
-    assert done.returncode == 0
+    """In processor time, which other work on the machine lengthens and never shortens: the least of three times is at
+    most four times what loading its libraries takes (2.5 idle; above 50 when the diagnosis is done again)."""
+
+    def least(command) -> float:
+        used = []
+        for _ in range(3):
+            before = processor_time()
+            command()
+            used.append(processor_time() - before)
+        return min(used)
+
+    def again():
+        done = run(SAMPLES / "loose_sand", results / "loose_sand", "--json", "--no-pictures")
+        assert done.returncode == 0
+        return done
+
+    again()  # another command than the first: its pages are new
+    done = again()
     assert "nothing recomputed" in done.stderr
     states = {s["state"] for e in json.loads(done.stdout)["experiments"] for s in e["stages"]}
     assert states == {"cached"}
-    assert again < 4.0 * libraries
+    libraries = least(lambda: subprocess.run([sys.executable, "-c", LIBRARIES], check=True))
+    assert least(again) < 4.0 * libraries
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs SIGKILL")
