@@ -88,10 +88,11 @@ def by_scipy(case: Case, causes: Sequence[str] = ()) -> tuple[Predict, dict[str,
 
 
 def by_diagnosis(case: Case) -> tuple[Predict, str, Sequence[str]]:
-    """(what the verdict stands by, its causes in words, the closest ones where none is named)"""
+    """(the model to predict with, the causes in words, the closest ones where none is named)"""
     study = replace(case.study, channels=[replace(c, consider=()) for c in case.study.channels])
     d = jv.diagnose(list(case.given), study, budget=20_000)
-    p = {n: x.value for n, x in (d.fitted or {}).items()}
+    best = d.prediction.parameters if d.prediction else d.fitted or {}
+    p = {n: x.value for n, x in best.items()}
     near = tuple(d.closest.mechanisms) if d.closest else ()
     words = " + ".join(d.named) or f"nothing ({d.status}), closest {' + '.join(near)}"
     return (lambda r: simulated(study, p, r)), words, d.named or near

@@ -14,7 +14,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self, get_args, get_origin, get_type_hints
 
-from jumpvision.base.numbers import said
+from jumpvision.base.numbers import said, times
 from jumpvision.base.record import Record, RecordError, plain
 
 from . import FILE
@@ -37,6 +37,7 @@ from .values import (
     NextExperiment,
     Noise,
     Parameter,
+    Prediction,
     Priors,
     Runs,
     Selection,
@@ -68,7 +69,8 @@ class Diagnosis(Record):
     Of a user's own simulator also: unit, of every number whose key ends in _m ("noise": several channels, in units of
     their noise); fitted, the parameters of the extended model; correlations of their errors; lacks, the mechanisms in
     words; runs; doubts: parameters without effect, that cannot be told, to which the simulator answers in steps;
-    simulated: open-loop error of every model named; traces (not in the file), measured and simulated values.
+    simulated: open-loop error of every model named; prediction: the model to predict new recordings with;
+    traces (not in the file), measured and simulated values.
     """
 
     file = FILE
@@ -108,6 +110,7 @@ class Diagnosis(Record):
     runs: Runs | None = field(default=None, metadata=OPTIONAL)
     doubts: tuple[Doubt, ...] = field(default=(), metadata=OPTIONAL)
     simulated: tuple[Simulated, ...] = field(default=(), metadata=OPTIONAL)
+    prediction: Prediction | None = field(default=None, metadata=OPTIONAL)
     sentence: str
     confirmed: str | None
     traces: ClassVar[tuple[Trace, ...]] = ()
@@ -198,7 +201,18 @@ class Diagnosis(Record):
         lines += [f"  {chance(c.probability)}  {' + '.join(c.mechanisms)}: {c.words}" for c in self.models[:6]]
         if self.fitted and not self.adequate:
             lines += [f"  {n} = {p}" for n, p in self.fitted.items()][:12]
+        lines += self._foretold
         return "\n".join([lines[0], *(x if len(x) <= WIDE else x[: WIDE - 3] + "..." for x in lines[1:])])
+
+    @property
+    def _foretold(self) -> list[str]:
+        """In words what predicts new recordings, where it is not what is named."""
+        best = self.prediction
+        if best is None or set(best.mechanisms) == set(self.named) or self.discovered:
+            return []
+        model = f"the model with {' + '.join(best.mechanisms)}" if best.mechanisms else "the model as it is"
+        by = f": the error on recordings held out falls {times(best.ratio, '.1f')}" if best.ratio > 1.05 else ""
+        return [f"  to predict new recordings, not as a cause: {model}{by} (.prediction)"]
 
     def _repr_html_(self) -> str:
         from jumpvision.base import notebook as reprs

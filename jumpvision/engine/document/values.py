@@ -301,6 +301,20 @@ class Simulated:
 
 
 @dataclass(frozen=True)
+class Prediction:
+    """The model to predict new recordings with: of those tried, and of all that were listed together, the one with the
+    least error on recordings held out. It says nothing of causes.
+
+    mechanisms: beside the baseline. parameters: of the model, the baseline's too. ratio: held-out error of the baseline
+    over its own.
+    """
+
+    mechanisms: tuple[str, ...]
+    parameters: Mapping[str, Parameter]
+    ratio: float
+
+
+@dataclass(frozen=True)
 class Closest:
     """The likeliest model where none passes the test."""
 

@@ -39,6 +39,16 @@ class StudyForms:
         return Law(found, with_laws(self.system, mechanism), found.fit, described)
 
 
+def with_fit(law: Law, fit: Fit) -> Law:
+    """A law with another covariance of its parameters."""
+    own = {p.name: p for p in law.system.candidates[fit.mechanisms[-1]].parameters}
+    wider = {
+        short: dataclasses.replace(e, sigma=fit.sigma(name))
+        for (short, e), name in zip(law.described.parameters.items(), own)
+    }
+    return dataclasses.replace(law, fit=fit, described=dataclasses.replace(law.described, parameters=wider))
+
+
 def begun(mechanism: Mechanism, fit: Fit) -> Mechanism:
     """With the values of a fit as first values: from a strength of 0 its shapes cannot be fitted."""
     own = [dataclasses.replace(p, start=fit.named[p.name]) for p in mechanism.parameters]

@@ -20,6 +20,7 @@ from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.order import Findings
 from jumpvision.engine.priors import Measured
 
+from .discovered import with_fit
 from .system import DUMMY, Studied
 
 FAR = 2.0  # standard uncertainties at which the model is run again
@@ -44,10 +45,11 @@ class Ridge:
 
 def with_ridges(problem: Problem, d: Findings) -> tuple[Findings, tuple[Doubt, ...]]:
     """The findings, what they stand by with intervals that are no narrower than its ridges; those ridges."""
-    fit = d.named_fit
-    n = d.naming
+    fit, n = d.best, d.naming
+    if d.law is not None:
+        problem = problem.asked_of(d.law.system)
     unnamed = n is not None and not n.named and not n.by_chance and not d.adequate  # a rejected model has no intervals
-    if d.law is not None or not fit.parameters or unnamed:
+    if not fit.parameters or (unnamed and d.law is None):
         return d, ()
     found = ridges(problem, fit)
     if not found:
@@ -55,6 +57,8 @@ def with_ridges(problem: Problem, d: Findings) -> tuple[Findings, tuple[Doubt, .
     reach = {n: ends for r in found for n, ends in r.reach.items()}
     wider = replace(fit, covariance=_widened(fit, reach), reach=reach)
     doubts = tuple(_doubt(fit, r) for r in found if r.whole)
+    if d.law is not None:
+        return replace(d, law=with_fit(d.law, wider)), doubts
     if d.naming is not None and d.naming.named:
         best = replace(d.naming.best, fit=wider)
         tried = tuple(best if e is d.naming.best else e for e in d.naming.tried)

@@ -12,8 +12,8 @@ import numpy as np
 
 from jumpvision.base.schema import InputError
 from jumpvision.engine.document.diagnosis import Diagnosis
-from jumpvision.engine.document.document import document
-from jumpvision.engine.document.values import Doubt, Simulated, Status
+from jumpvision.engine.document.document import LOOSE, document
+from jumpvision.engine.document.values import Doubt, Prediction, Simulated, Status
 from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.order import Findings, Order, fit_baseline, silent
 from jumpvision.engine.system import patterns_of
@@ -24,7 +24,7 @@ from .processes import How, described
 from .runs import BudgetUsed, Runs
 from .study import Recording, Study
 from .system import Studied
-from .words import StudySpeaker, simulated, traces
+from .words import StudySpeaker, intervals, simulated, traces
 
 if TYPE_CHECKING:
     from jumpvision.engine.discovery import Laws
@@ -89,7 +89,9 @@ def diagnose(recordings: Sequence[Recording], study: Study | None, how: How | No
         shown, apart = _simulated(found, asked, whole=not stopped)
         stated = found.law.system if found.law else asked
         assert isinstance(stated, Studied)
-        data = document(found, StudySpeaker(stated, alone, (*asked.probed.doubts, *ridges, *apart), shown), stopped)
+        doubts = (*asked.probed.doubts, *ridges, *apart)
+        foretold = None if stopped else _prediction(found, asked)
+        data = document(found, StudySpeaker(stated, alone, doubts, shown, foretold), stopped)
         object.__setattr__(data, "traces", traces(found, stated))
         return data
     finally:
@@ -140,6 +142,43 @@ def _simulated(found: Findings, system: Studied, *, whole: bool) -> tuple[tuple[
     except (BudgetUsed, KeyboardInterrupt):
         return tuple(own), ()
     return (*own, *more), apart
+
+
+def _prediction(found: Findings, system: Studied) -> Prediction | None:
+    """The model to predict new recordings with: whichever predicts recordings held out best, all listed causes together
+    among them where the named ones leave more than noise, or much less; None where the baseline is adequate."""
+    from jumpvision.engine.worth.prediction import best_at_prediction, held_out_error
+
+    if found.naming is None:
+        return None
+    own = set(patterns_of(system))  # numbers that a new recording has not
+    problem = problem_of(system)
+    if found.law:
+        fits = [found.law.fit]
+    else:
+        test = found.naming.best.detection
+        told = found.naming.status == Status.COMPLETE and test is not None and test.chi2_per_dof >= LOOSE
+        tried = [*(e.fit for e in found.naming.tried), *([] if told else _of_all(found, problem))]
+        fits = [found.baseline, *(f for f in tried if not own & set(f.mechanisms))]
+    fit, error = best_at_prediction(problem, fits)
+    before = held_out_error(problem, found.baseline)
+    ratio = math.sqrt(float(before.sum() / max(error.sum(), 1e-300)))
+    return Prediction(tuple(m for m in fit.mechanisms if m not in own), intervals(fit, list(fit.named)), ratio)
+
+
+def _of_all(found: Findings, problem: Problem) -> list[Fit]:
+    """The fit of all causes that the user listed; none where one takes another's place, or no run is left."""
+    system = problem.system
+    assert isinstance(system, Studied) and found.naming
+    listed = [m.name for m in system.study.mechanisms if m.name in system.candidates]
+    names = tuple(n for n in system.candidates if n in listed)
+    if any(system.candidates[n].replaces for n in names):
+        return []
+    try:
+        fit = problem.fit(names, found.naming.best.fit.named)
+    except (BudgetUsed, KeyboardInterrupt):
+        return []
+    return [problem.polished(fit)] if fit else []
 
 
 def _alone(found: Findings, system: Studied) -> Fit | None:

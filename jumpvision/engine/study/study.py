@@ -419,6 +419,17 @@ class Study:
 
         return given, recording, force
 
+    def predict(self, parameters: Mapping[str, Any], recording: Recording) -> Array:
+        """(n, channels) the simulator's outputs with some parameters (numbers, or as in `fitted`); the others as the
+        study begins with them, causes absent where they are not given."""
+        given = {q.name: float(q.start(recording) if callable(q.start) else q.start) for q in self.parameters}
+        for m in self.mechanisms:
+            given |= {q.name: float(m.null if k == 0 else q.free().start) for k, q in enumerate(m.parameters)}
+        given |= {n: float(getattr(x, "value", x)) for n, x in parameters.items()}
+        if self.batch:
+            return recording.of_channels(next(iter(self.simulate([given], [recording]))), self.channels)
+        return recording.of_channels(self.simulate(*self.arguments(given, recording)), self.channels)
+
     @functools.cached_property
     def forms(self) -> tuple[tuple[Form, Mechanism], ...]:
         """Laws of no list that its symbols allow; none without their sizes and a typical force."""

@@ -35,6 +35,7 @@ class StudySpeaker:
     alone: Fit | None = None
     doubts: tuple[record.Doubt, ...] = ()
     simulated: tuple[record.Simulated, ...] = ()
+    prediction: record.Prediction | None = None
     heights: ClassVar[bool] = False
 
     def model(self, fit: Fit) -> record.Model:
@@ -84,6 +85,7 @@ class StudySpeaker:
             lacks={name: m.lacks for name, m in self.system.mechanisms.items()},
             doubts=self.doubts,
             simulated=self.simulated,
+            prediction=self.prediction,
             runs=record.Runs(count.made, count.kept, count.seconds, tuple(str(f) for f in count.failures)),
         )
 
