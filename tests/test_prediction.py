@@ -15,7 +15,7 @@ from jumpvision.engine.fitting import Problem
 from jumpvision.engine.study.processes import How
 from jumpvision.engine.study.question import problem_of, studied
 from jumpvision.engine.study.runs import Runs
-from jumpvision.engine.worth.prediction import PARTS, best_at_prediction, held_out_error
+from jumpvision.engine.worth.gain import PARTS, best_at_prediction, held_out_error
 
 T = np.linspace(0.0, 1.0, 41)
 

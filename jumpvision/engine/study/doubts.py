@@ -20,7 +20,6 @@ from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.order import Findings
 from jumpvision.engine.priors import Measured
 
-from .discovered import with_fit
 from .system import DUMMY, Studied
 
 FAR = 2.0  # standard uncertainties at which the model is run again
@@ -58,6 +57,8 @@ def with_ridges(problem: Problem, d: Findings) -> tuple[Findings, tuple[Doubt, .
     wider = replace(fit, covariance=_widened(fit, reach), reach=reach)
     doubts = tuple(_doubt(fit, r) for r in found if r.whole)
     if d.law is not None:
+        from .discovered import with_fit
+
         return replace(d, law=with_fit(d.law, wider)), doubts
     if d.naming is not None and d.naming.named:
         best = replace(d.naming.best, fit=wider)

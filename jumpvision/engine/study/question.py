@@ -17,6 +17,7 @@ from jumpvision.engine.document.values import Doubt, Prediction, Simulated, Stat
 from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.order import Findings, Order, fit_baseline, silent
 from jumpvision.engine.system import patterns_of
+from jumpvision.engine.worth.gain import best_at_prediction, held_out_error
 
 from .learn import learn_readings
 from .probe import probe
@@ -147,8 +148,6 @@ def _simulated(found: Findings, system: Studied, *, whole: bool) -> tuple[tuple[
 def _prediction(found: Findings, system: Studied) -> Prediction | None:
     """The model to predict new recordings with: whichever predicts recordings held out best, all listed causes together
     among them where the named ones leave more than noise, or much less; None where the baseline is adequate."""
-    from jumpvision.engine.worth.prediction import best_at_prediction, held_out_error
-
     if found.naming is None:
         return None
     own = set(patterns_of(system))  # numbers that a new recording has not
