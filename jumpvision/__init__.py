@@ -18,6 +18,7 @@ VERBS = {  # name: the module that has it
     "open": "api",
     "run": "api",
     "diagnose": "api_study",
+    "isolable": "api_study",
     "sweep": "api",
     "plan": "api",
     "export": "api_fields",

@@ -9,6 +9,7 @@ from .api import Folder, PathLike
 from .api import open as open
 from .api import run as run
 from .api_study import diagnose as diagnose
+from .api_study import isolable as isolable
 from .api import sweep as sweep
 from .api import plan as plan
 from .api_fields import export as export

@@ -1,4 +1,4 @@
-"""`jv.diagnose`: a campaign's folder, or recordings with the study that simulates them.
+"""`jv.diagnose` and `jv.isolable`: a campaign's folder, or recordings with the study that simulates them.
 
 Of recordings only the engine is loaded: what opens folders when a folder is given, what draws when a picture is shown.
 """
@@ -18,6 +18,7 @@ from jumpvision.engine import diagnose as diagnose_study
 if TYPE_CHECKING:
     import pandas as pd
 
+    from jumpvision.engine.worth.isolable import Isolable
     from jumpvision.experiment.inputs.experiment import Campaign, Experiment
 
 PathLike = str | os.PathLike[str]
@@ -61,19 +62,51 @@ def diagnose(
     return questioned(asked, results, workers)
 
 
+def isolable(
+    asked: Experiment | Campaign | PathLike | Sequence[Recording] | pd.DataFrame,
+    study: Study | None = None,
+    *,
+    workers: int | None = None,
+) -> Isolable:
+    """Which causes recordings could show, from which strength, and which they could not tell apart, before any is made.
+
+    asked: a campaign (folder) of jumps as declared, or recordings (values NaN where they are not made yet; the noise of
+    the channels then stated) with the study that simulates them. Also of every number that may drift in the order of
+    the recordings. Linear about the model as it is declared. `.sentence`, `.table` (pandas).
+
+    Example: jv.isolable([jv.Recording("slow", t, np.full(t.size, np.nan), {"start": 0.3})], study)
+    """
+    if study is not None:
+        from jumpvision.engine.study.isolable import isolable as of_study
+
+        return of_study(_recordings(asked, study, "isolable"), study, How(workers or 0))
+    if not _is_folder(asked):
+        raise InputError(["isolable: recordings need the study that simulates them: jv.isolable(recordings, study)"])
+    from jumpvision.api import open as opened
+    from jumpvision.experiment.campaign.folder import as_campaign
+    from jumpvision.experiment.campaign.isolable import isolable as of_campaign
+
+    return of_campaign(as_campaign(opened(asked) if isinstance(asked, str | os.PathLike) else asked), workers or 1)
+
+
 def _is_folder(asked: Any) -> TypeGuard[Experiment | Campaign | PathLike]:
     """Whether it is a folder's path, or what `jv.open` gave."""
     return isinstance(asked, str | os.PathLike) or (hasattr(asked, "path") and not hasattr(asked, "columns"))
 
 
-def _of_study(asked: Any, study: Study, how: How, results: Path | None) -> Diagnosis:
+def _recordings(asked: Any, study: Study, verb: str) -> list[Recording]:
+    """Recordings, or a table of them. Raises InputError for anything else."""
     if not isinstance(study, Study):
-        raise InputError([f"diagnose: study is a {type(study).__name__}; make it with jv.Study(simulate, ...)"])
+        raise InputError([f"{verb}: study is a {type(study).__name__}; make it with jv.Study(simulate, ...)"])
     if _is_folder(asked):
-        raise InputError(["diagnose: a folder and a study: use `jumpvision diagnose FOLDER --simulator MODULE:NAME`"])
+        raise InputError([f"{verb}: a folder and a study: use `jumpvision diagnose FOLDER --simulator MODULE:NAME`"])
     if hasattr(asked, "columns"):
         asked = Recording.of_table(asked, [c.name for c in study.channels])
-    found = diagnose_study(list(asked), study, how)
+    return list(asked)
+
+
+def _of_study(asked: Any, study: Study, how: How, results: Path | None) -> Diagnosis:
+    found = diagnose_study(_recordings(asked, study, "diagnose"), study, how)
     if results is not None:
         from jumpvision.report.pages.study import write_study
 

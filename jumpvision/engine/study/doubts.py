@@ -155,9 +155,7 @@ def _followed(problem: Problem, fit: Fit, at: int, way: Array) -> Ridge | None:
     if not points:
         return None
     low, high = np.min([fit.values, *points], axis=0), np.max([fit.values, *points], axis=0)
-    moved = [
-        k for k, q in enumerate(fit.parameters) if k == at or high[k] - low[k] > max(fit.sigma(q.name), 0.05 * q.width)
-    ]
+    moved = [k for k, q in enumerate(fit.parameters) if k == at or _moves(high[k] - low[k], fit.sigma(q.name), q.width)]
     reach = {}
     for k in moved:
         p = fit.parameters[k]
@@ -169,6 +167,11 @@ def _followed(problem: Problem, fit: Fit, at: int, way: Array) -> Ridge | None:
         )
     wide = float(high[at] - low[at]) > WIDE * fit.parameters[at].width
     return Ridge(reach, wide or all(whole for _, whole in sides))
+
+
+def _moves(by: float, sigma: float, width: float) -> bool:
+    """Whether a parameter goes along a ridge: through a part of its range, or further than its sigma says."""
+    return by > min(max(sigma, 0.05 * width), 2.0 * FAR * sigma)
 
 
 def _side(problem: Problem, fit: Fit, at: int, way: Array) -> tuple[list[Array], bool]:
