@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
+import scipy.optimize
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
@@ -26,6 +27,8 @@ FEW_LAPS = 3  # of a system whose runs are dear
 LAPS = 15  # of Gauss-Newton at most; a recording that is far off is found by the grid before
 PATIENT = 3  # laps after which a number that cannot win is given up
 GRID = (-2.0, -1.0, -0.5, -0.2, 0.2, 0.5, 1.0, 2.0)  # spreads, at which a recording's first value is tried
+STUCK = 1.5  # times the typical chi^2 a sample, of a recording whose value may be that of another minimum
+WIDE, FINE = 3.0, 81  # standard deviations of all values about their mean, and points there: where it is looked for
 ENOUGH = 0.1  # a smaller expected fall of chi^2 ends the fit
 LOOSE = 3.0  # spreads: standard deviation that keeps a value which the recording does not tell from running away
 PLACES = 400  # instants at most at which frames may have been lost, evenly over a record
@@ -238,16 +241,19 @@ def apart(
         at, change, shared = list(fit.residuals), np.zeros(each.count), fit.values.copy()
     here = _Point(shared, change, at, _cost(each, at, shared, change, loose))
     jacobian: list[Array] | None = None
-    dear = isinstance(problem.system, Costly)
+    dear, freed = isinstance(problem.system, Costly), False
     for lap in range(FEW_LAPS if dear else LAPS):
         if lap % 2 == 0:  # derivatives by the shared parameters serve two laps
             jacobian = each.jacobian(here.shared, here.change, here.residuals)
         normal = _normal(each, here, loose, jacobian)
         there = None if normal is None else _stepped(each, here, normal, loose, 2 if dear else 6)
-        if there is None:
-            break
-        gained, here = here.cost - there.cost, there
-        if gained < ENOUGH or (lap == PATIENT and here.cost > give_up):
+        gained = 0.0 if there is None else here.cost - there.cost
+        here = there or here
+        if gained < ENOUGH:
+            if dear or freed or (away := _freed(each, here, loose)) is None:
+                break
+            here, freed = away, True
+        elif lap == PATIENT and here.cost > give_up:
             break
     normal = _normal(each, here, 0.0)
     if normal is None or not normal.own.any() or here.cost > give_up:
@@ -278,6 +284,48 @@ def _stepped(each: Each, here: _Point, normal: _Normal, loose: float, tries: int
         worse = [there is None or bool(b @ b > a @ a) for a, b in zip(here.residuals, there or here.residuals)]
         share, whole = np.where(np.array(worse), 0.3 * share, share), 0.5 * whole
     return None
+
+
+def _freed(each: Each, here: _Point, loose: float) -> _Point | None:
+    """With the values of a few recordings that ended in another minimum than the others at the best of those about
+    them; None where none did, or where nothing near is better."""
+    size = np.array([float(r @ r) / max(r.size, 1) for r in here.residuals])
+    stuck = np.flatnonzero(size > STUCK * np.median(size))
+    if not 0 < stuck.size <= each.count // 3:
+        return None
+    change = here.change.copy()
+    for i in map(int, stuck):
+        change[i] = _best_minimum(each, here, i, loose)
+    at = each.residuals(here.shared, change)
+    if at is None or (now := _cost(each, at, here.shared, change, loose)) >= here.cost:
+        return None
+    return _Point(here.shared, change, at, now)
+
+
+def _best_minimum(each: Each, here: _Point, i: int, loose: float) -> float:
+    """The value of a recording at the lowest of all minima in the reach of the others' values, all else as it is."""
+    problem, values = each.problem, dict(zip(each.names, here.shared.tolist()))
+
+    def cost(x: float) -> float:
+        moved = here.change.copy()
+        moved[i] = max(x, each.variable.least)
+        changes = {each.variable.name: moved} | ({} if each.since is None else {SINCE: each.since})
+        y = predicted(problem.system, each.fit.mechanisms, values, changes, [i])[0]
+        if not np.isfinite(y).all():
+            return math.inf
+        r = problem.whitening[i].whitened(problem.system.observations[i].y - y, each.fit.frame[i])
+        return float(r @ r + loose * moved[i] ** 2)
+
+    middle, reach = float(np.mean(here.change)), WIDE * float(np.std(here.change))
+    grid = np.linspace(middle - reach, middle + reach, FINE)
+    height = np.array([cost(x) for x in grid])
+    best, least = float(here.change[i]), cost(float(here.change[i]))
+    for k in range(1, FINE - 1):
+        if height[k] <= min(height[k - 1], height[k + 1]):
+            found = scipy.optimize.minimize_scalar(cost, bounds=(grid[k - 1], grid[k + 1]), method="bounded")
+            if found.fun < least - ENOUGH:
+                best, least = float(found.x), float(found.fun)
+    return best
 
 
 def _definite(information: Array) -> Array:
