@@ -86,16 +86,18 @@ def learned(stretches: Iterable[tuple[Piece, Array]], price: float) -> Noise | N
         free += piece.t.size - columns.shape[1]
         n += piece.t.size
         gaps = np.maximum(np.round(np.diff(piece.t) / piece.step), 1.0)
-        y, a = piece.y / piece.sigma, columns / piece.sigma[:, None]
-        for k, rho in enumerate(RHOS):
-            kept = rho**gaps if rho else np.zeros(gaps.size)
-            root = np.sqrt(1.0 - kept**2)
-            b, c = y.copy(), a.copy()
-            b[1:] = (y[1:] - kept * y[:-1]) / root
-            c[1:] = (a[1:] - kept[:, None] * a[:-1]) / root[:, None]
-            q, r = np.linalg.qr(c)
-            chi2[k] += max(float(b @ b - np.sum((q.T @ b) ** 2)), 0.0)
-            logs[k] += 2.0 * float(np.sum(np.log(root))) + 2.0 * float(np.sum(np.log(np.abs(np.diag(r)))))
+        z = np.column_stack([np.linalg.qr(columns / piece.sigma[:, None])[0], piece.y / piece.sigma])
+        whitened = np.tile(np.outer(z[0], z[0]), (RHOS.size, 1, 1))  # z^T z of the whitened, by correlation
+        for gap, count in zip(*np.unique(gaps, return_counts=True)):
+            kept, here = (RHOS**gap)[:, None, None], gaps == gap
+            now, before = z[1:][here], z[:-1][here]
+            both = now.T @ before
+            whitened += (now.T @ now + kept**2 * (before.T @ before) - kept * (both + both.T)) / (1.0 - kept**2)
+            logs += count * np.log(1.0 - kept[:, 0, 0] ** 2)
+        inner, by = whitened[:, :-1, :-1], whitened[:, :-1, -1:]
+        course = (by.swapaxes(1, 2) @ np.linalg.solve(inner, by))[:, 0, 0]
+        chi2 += np.maximum(whitened[:, -1, -1] - course, 0.0)
+        logs += np.linalg.slogdet(inner)[1]
         if n > MOST:
             break
     if free < LONG or not np.all(chi2 > 0.0):
