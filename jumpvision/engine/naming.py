@@ -20,6 +20,7 @@ CONFIDENCE = 0.9  # of the set of models that is kept
 # and more in the laboratory's campaigns with effects outside the vocabulary (`benchmarks.diagnosis --outside`).
 ESTABLISHED = 0.03
 SHARE = 1 / 3  # of a named effect: a mechanism that may make so much of it is declared beside it
+OWN = 3.0  # standard uncertainties
 TWIN = 50.0  # of chi^2: what an exchange would cost, linear, is judged by a fit if it is less
 PRIORS = (1 / 3, 1.0, 3.0)  # factors on the ranges of all strengths, for the sensitivity of the probabilities
 
@@ -83,8 +84,12 @@ def name(
     search = Search(problem, base, found, rng)
     search.run(enough)
     if beside is not None:
+        known = frozenset(beside.mechanisms)
+        if known not in search.fits:  # this search may not have come by it
+            search.keep(problem.fit(beside.mechanisms, beside.named))
         search.race(varying(search, beside))
-        check_likelier(search, frozenset(beside.mechanisms))
+        if known in search.fits:
+            check_likelier(search, known)
     passing = likelier(search)
     key = passing[0] if passing else established(search)
     if key:
@@ -133,7 +138,20 @@ def likelier(search: Search) -> list[Key]:
     """The sets that pass the test and are likelier than every part of them, no cause at all among these: a test of 2 %
     fails once in fifty where nothing is missing, and then some further mechanism always makes it pass."""
     chance = search.log_probability
-    return [k for k in search.passing() if all(chance(k) > chance(part) for part in search.fits if part < k)]
+    good = [k for k in search.passing() if has_own(search.problem, search.fits[k])]
+    return [k for k in good if all(chance(k) > chance(part) for part in search.fits if part < k)]
+
+
+def has_own(problem: Problem, fit: Fit) -> bool:
+    """Whether what makes each mechanism of a fit more than a simpler cause is off by OWN standard uncertainties."""
+    names = [p.name for p in fit.parameters]
+    for m in fit.mechanisms:
+        if own := problem.system.candidates[m].own:
+            at = [names.index(n) for n in own]
+            x = fit.values[at]
+            if float(x @ np.linalg.solve(fit.covariance[np.ix_(at, at)], x)) < OWN**2:
+                return False
+    return True
 
 
 def least_doubt(p: float) -> float:

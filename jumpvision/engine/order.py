@@ -26,7 +26,7 @@ from .worth.gain import Begin, Choose, Gain, among, begun_at, extrapolation, gai
 if TYPE_CHECKING:  # imported where they are asked for: most questions end before
     from .discovery import Law, Laws
     from .unexplained import Shapes
-    from .vary.explain import Varies, Wider
+    from .vary.explain import Scattered, Varies, Wider
     from .vary.odd import Odd
     from .worth.design import Proposal
 
@@ -144,6 +144,11 @@ class Order:
         self.reached(d)
         tried = len(self.problem.system.candidates)
         self.say(f"discrepant (p = {d.detection.p_value:.2g}): asking which numbers vary")
+        if self._may_vary and any(self.problem.scattered.values()):
+            from .vary import explain
+
+            if (s := explain.in_full(self.problem, d.baseline, np.random.default_rng(VARY_SEED))) is not None:
+                return self._scattering(d, s)
         wide = self._wider(d.baseline)
         if wide is not None and wide.odd is not None and wide.odd.explained:
             return self._without(d, wide.odd)
@@ -205,11 +210,18 @@ class Order:
         complete = naming.status == Status.COMPLETE
         gained = explain.gained(problem, naming.best.fit, d.baseline) if complete else 0.0
         if (s := explain.scattered(self.problem, wide.screen, d.baseline, gained, rng)) is not None:
-            said = explain.Varies(scatter=s.scatter)
-            return replace(d, baseline=s.baseline, detection=s.detection, varies=said, problem=s.problem)
+            return self._scattering(d, s)
         if complete or wide.odd is None:
             return replace(found, varies=explain.named(problem, naming))
         return self._without(d, wide.odd)
+
+    @staticmethod
+    def _scattering(d: Findings, s: Scattered) -> Findings:
+        """What was looked at, adequate with a number that scatters."""
+        from .vary.explain import Varies
+
+        said = Varies(scatter=s.scatter)
+        return replace(d, baseline=s.baseline, detection=s.detection, varies=said, problem=s.problem)
 
     def _without(self, d: Findings, odd: Odd) -> Findings:
         """What is found where a few recordings are set aside; causes that all others show beside it."""

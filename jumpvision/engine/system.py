@@ -72,6 +72,7 @@ class Candidate:
     drops: parameters that are nobody's when that term is gone. goes_with: mechanisms of one cause with it, always tried
     as a pair. price: ln of how many like it were looked at before it was chosen. begin: values at which
     it was found to fit, the shared parameters' among them. dear: it is tried alone only where the residuals ask for it.
+    own: parameters without which it is another, simpler cause: it is not named where they may be nil.
     """
 
     parameters: tuple[Parameter, ...]
@@ -83,6 +84,7 @@ class Candidate:
     price: float = 0.0
     begin: Mapping[str, float] | None = None
     dear: bool = False
+    own: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

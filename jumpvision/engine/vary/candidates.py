@@ -41,7 +41,8 @@ def candidate(w: Weighed, log_price: float) -> Candidate:
     )
     shape = tuple(float(x) for x in w.coefficients[1:])
     begin = {**w.shared, **{p.name: float(x) for p, x in zip(free, w.coefficients)}}
-    return Candidate(free, shapes=(shape,), price=log_price + pattern.log_price, begin=begin)
+    own = tuple(p.name for p in free[:-1]) if pattern.about_own else ()  # without which it is a mechanism's change
+    return Candidate(free, shapes=(shape,), price=log_price + pattern.log_price, begin=begin, own=own)
 
 
 def changes_of(

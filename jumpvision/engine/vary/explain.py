@@ -23,14 +23,15 @@ from jumpvision.engine.naming import Naming
 from jumpvision.engine.search import log_prior
 from jumpvision.engine.system import patterns_of
 
-from .apart import Apart, beside
+from .apart import Apart, apart, beside, variables
 from .candidates import coefficient
 from .odd import Odd, command_of, odd_ones
-from .patterns import Pattern, Scatter, Weighed
+from .patterns import Pattern, Scatter, Weighed, scatter
 from .screen import Screen, screen
 from .variables import Varying
 
 WORTH = 5.0  # nats that a pattern, or scatter, must gain over nothing before it is looked at
+SHIFTED = 4.0  # standard uncertainties by which the common value of what scatters may differ from the declared one
 SECOND = 8.0  # the same, where mechanisms were tried already
 
 
@@ -124,7 +125,8 @@ def scattered(problem: Problem, seen: Screen, base: Fit, least: float, rng: np.r
     """The likeliest scatter where it gains more than `least` nats, and the model is adequate with it."""
     for s in seen.scatters[:1]:
         s = replace(s, gained=s.log_evidence - seen.log_price + 0.5 * seen.base)
-        if s.gained <= max(least, WORTH):
+        # about another value than the declared one: then that value is a cause, beside which it may scatter
+        if s.gained <= max(least, WORTH) or abs(s.shift) > SHIFTED:
             continue
         system = problem.system
         assert isinstance(system, Varying)
@@ -140,6 +142,23 @@ def scattered(problem: Problem, seen: Screen, base: Fit, least: float, rng: np.r
         found = detect(with_it, fit, directions(with_it, fit), rng)
         if not found.discrepant:
             return Scattered(with_it, fit, found, s)
+    return None
+
+
+def in_full(problem: Problem, base: Fit, rng: np.random.Generator) -> Scattered | None:
+    """What differs from trial to trial, as the repeats tell, with every recording's own value of it: about one value
+    for all it is linear only in what is small beside the noise. None where no such model is adequate."""
+    every = variables(problem.system)
+    for name in (n for n, s in problem.scattered.items() if s > 0.0 and n in every):
+        rest = {n: s for n, s in problem.scattered.items() if n != name}
+        bare = Problem(problem.system, problem.noise, rest, problem.measured)
+        fit = bare.fit(base.mechanisms, base.named)
+        found = None if fit is None else apart(bare, fit, every[name])
+        if fit is None or found is None or (s := scatter(found)) is None:
+            continue
+        seen = Screen((found,), (), (s,), 0.0, fit.chi2)
+        if (best := scattered(bare, seen, fit, 0.0, rng)) is not None:
+            return best
     return None
 
 

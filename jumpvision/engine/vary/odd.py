@@ -138,7 +138,9 @@ def odd_ones(problem: Problem, fit: Fit, rng: np.random.Generator) -> Odd | None
     for found, part, rest in _taken_away(problem, fit):
         if not detect(part, rest, (), rng).discrepant:
             commands = {i: j for i in found if (j := command_of(problem, rest, i)) is not None}
-            numbers = {i: w for i in found if i not in commands and (w := described(problem, rest, i)) is not None}
+            numbers = {i: w for i in found if (w := described(problem, rest, i)) is not None}
+            commands = {i: j for i, j in commands.items() if not (i in numbers and _plain(numbers[i]))}
+            numbers = {i: w for i, w in numbers.items() if i not in commands}
             slips = {i: w for i, w in numbers.items() if not _describes(problem, i, w.chi2)}
             return Odd(found, tuple(w for i, w in numbers.items() if i not in slips), commands, slips)
     return None

@@ -120,7 +120,8 @@ class Weighed:
 @dataclass(frozen=True)
 class Scatter:
     """A number that differs from recording to recording without order: its standard deviation [as a change], the 90 %
-    interval of it. gained: nats over no scatter, the price of the question paid."""
+    interval of it. gained: nats over no scatter, the price of the question paid. shift: of the common value from the
+    declared one, in its standard uncertainties; 0 where the common value is fitted."""
 
     variable: Variable
     value: float
@@ -129,6 +130,7 @@ class Scatter:
     log_evidence: float
     apart: Apart = field(repr=False, compare=False)
     gained: float = 0.0
+    shift: float = 0.0
 
 
 def weigh(pattern: Pattern, found: Apart) -> Weighed:
@@ -179,8 +181,10 @@ def scatter(found: Apart) -> Scatter | None:
     if best in (0, taus.size - 1) or evidence - log_evidence(0.0) < SCATTERS:
         return None
     inside = taus[log > log[best] - 0.5 * Z90**2]
-    total = evidence - 0.5 * found.chi2
-    return Scatter(found.variable, float(taus[best]), float(inside[0]), float(inside[-1]), total, found)
+    total, tau = evidence - 0.5 * found.chi2, float(taus[best])
+    w = values / (1.0 + values * tau**2)
+    shift = 0.0 if found.free else float((w * one) @ along) / math.sqrt(max(float(w @ one**2), 1e-300))
+    return Scatter(found.variable, tau, float(inside[0]), float(inside[-1]), total, found, shift=shift)
 
 
 def patterns(found: Apart, observations: Sequence[Observation]) -> Iterator[Pattern]:

@@ -38,6 +38,8 @@ from .quiet import STEPS, differences, flights, rest, ring_of, steadied
 from .sources import combined, of_statements, of_stretches, only_stated, with_stated
 
 FEW = 8  # jumps by which the model is fitted before single readings are judged
+FEWEST = 4  # differences of trials by which one that is unlike them is told
+UNLIKE = 40.0  # times the median power of all: chance, of one number that scatters, makes 24 once in 1,000
 FINEST = 1.0 / 3.0  # of the typical noise: what all tracks share, as the motor's log, is not seen at rest or in flight
 
 
@@ -94,7 +96,7 @@ def learn_noise(system: Jumper) -> Learned:
     usable = [x for kind in alone.values() for x in kind]
     scale, doubt = _tracks(usable, stated, frame)
     factors = [f * w for f, w in zip(scale, weights)]
-    evidence = _evidence(system, alone, scale, factors)
+    evidence = _evidence(system, alone, scale, factors, warnings)
     level = _level(evidence, stated, scale, frame, step, warnings)
     reach, still = readings.reach_of([j.t for j in jumps]), [*evidence.pairs, *evidence.still]
     noise = with_wander(level.noise, still, reach, doubt=doubt, unseen=level.noise.s)
@@ -120,12 +122,18 @@ class _Evidence:
     still: list[Stretch]
 
 
-def _evidence(system: Jumper, alone: Mapping[str, list[Stretch]], scale: Array, factors: Sequence[Array]) -> _Evidence:
+def _evidence(
+    system: Jumper,
+    alone: Mapping[str, list[Stretch]],
+    scale: Array,
+    factors: Sequence[Array],
+    warnings: list[str],
+) -> _Evidence:
     """Rest, flight and repeats, every track at its own scale."""
     alone = {
         k: [replace(x, spread=x.spread * scale[x.track]) for x in v if x.spread is not None] for k, v in alone.items()
     }
-    pairs = differences(system, factors)
+    pairs = _alike(system, differences(system, factors), warnings)
     parts = {
         "rest": alone["rest"],
         "flight": alone["flight"],
@@ -139,6 +147,31 @@ def _evidence(system: Jumper, alone: Mapping[str, list[Stretch]], scale: Array, 
     usual = [x for x in used if scale[x.track] > FINEST]
     still = [replace(x, design=x.design[:, :1]) for x in rest]
     return _Evidence(pairs, parts, usual if samples(usual) >= LEARNED_FROM else used, still)
+
+
+def _alike(system: Jumper, pairs: list[Stretch], warnings: list[str]) -> list[Stretch]:
+    """The repeats without those few that differ far more than all others, as trials that were driven differently do:
+    they tell nothing of the noise."""
+    power = np.array([_power(steadied(x)) for x in pairs])
+    if power.size < FEWEST:
+        return pairs
+    far = power > UNLIKE * np.median(power)
+    if not 0 < far.sum() <= power.size // 3:
+        return pairs
+    for x in (x for x, off in zip(pairs, far) if off):
+        names = " and ".join(system.jumps[i].name for i in sorted({x.track, *_like(system, x.track)}))
+        warnings.append(
+            f"{names} are trials of one group, and differ far more than those of other groups: not taken for noise; "
+            "look whether they were driven and filed alike"
+        )
+    return [x for x, off in zip(pairs, far) if not off]
+
+
+def _power(x: Stretch) -> float:
+    """Mean square of what a stretch has beside its course [unit of y^2], at the noise of a typical reading."""
+    y, a = (x.y, x.design) if x.spread is None else (x.y / x.spread, x.design / x.spread[:, None])
+    left = y - a @ np.linalg.lstsq(a, y, rcond=None)[0]
+    return float(left @ left) / max(x.t.size - a.shape[1], 1)
 
 
 @dataclass(frozen=True)
