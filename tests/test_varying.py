@@ -6,6 +6,7 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,8 +18,11 @@ from benchmarks.laboratories.truths import truth
 from benchmarks.laboratories.worlds import made
 from jumpvision.cli import main
 from jumpvision.engine.document.values import Pattern as Kind
+from jumpvision.engine.fitting import Fit
+from jumpvision.engine.naming import has_own
 from jumpvision.engine.system import Circumstances, Observation
 from jumpvision.engine.vary.apart import Apart
+from jumpvision.engine.vary.candidates import candidate
 from jumpvision.engine.vary.patterns import WIDTHS, Pattern, patterns, scatter, weigh
 from jumpvision.engine.vary.variables import LOST, OFFSET, RATE, SCALE, Variable, shown
 
@@ -121,6 +125,32 @@ def test_values_that_scatter_have_no_pattern():
     assert wrong <= 3
 
 
+def test_what_scatters_about_another_value_says_so():
+    """In standard uncertainties of the common value: 0.05 of a mean of 20 with sqrt(0.02^2 + 0.01^2) each is 10; its
+    own scatter makes it 1. Where the value is one of the shared parameters it has no shift."""
+    rng = np.random.default_rng(4)
+    change = 0.02 * rng.standard_normal(N) + 0.01 * rng.standard_normal(N)
+    change -= change.mean()
+    for shift in (0.0, 0.05):
+        found = scatter(values(change + shift))
+        assert found.shift == pytest.approx(shift / (np.hypot(found.value, 0.01) / np.sqrt(N)), abs=1e-6)
+    assert scatter(replace(values(change + 0.05), names=("k",), shared=np.array([100.0]))).shift == 0.0
+
+
+def test_a_pattern_beside_a_common_value_is_named_where_it_is_off_itself():
+    """A step with a common value of its own, which alone is far off: that is another cause."""
+    step = np.repeat([0.0, 1.0], N // 2)[:, None]
+    pattern = Pattern((NUMBER, NUMBER), Kind.STEP, "order", np.hstack([step, np.ones((N, 1))]), tuple(range(N // 2, N)))
+    rng = np.random.default_rng(6)
+    for size, named in ((0.0, False), (0.05, True)):
+        w = weigh(pattern, values(0.3 + size * step[:, 0] + 0.01 * rng.standard_normal(N)))
+        c = candidate(w, 0.0)
+        assert c.own == (c.parameters[0].name,)
+        fit = Fit((pattern.name,), c.parameters, w.coefficients, [], [], 0.0, w.covariance)
+        system = SimpleNamespace(candidates={pattern.name: c})
+        assert has_own(SimpleNamespace(system=system), fit) is named
+
+
 def test_an_instrument_at_fault_shows_the_motion_at_other_times():
     """A polynomial of the third degree, which the spline of the instrument's clock meets exactly."""
     t = np.linspace(0.0, 1.0, 101)
@@ -151,8 +181,14 @@ def test_a_laboratory_at_fault_is_named(kind):
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("number", "seed"),
-    [(127, SEED), (129, SEED), (122, 6001)],
-    ids=["exchanged", "entered wrong", "a bed that drifts beside a force that passes the test alone"],
+    [(127, SEED), (129, SEED), (122, 6001), (137, 6002), (163, 6303)],
+    ids=[
+        "exchanged",
+        "entered wrong",
+        "a bed that drifts beside a force that passes the test alone",
+        "a repeat of another condition, which is no noise",
+        "a bed that scatters among repeats, more than is linear",
+    ],
 )
 def test_a_force_is_named_beside_a_laboratory_at_fault(number, seed):
     t = truth(number, seed)
