@@ -34,6 +34,7 @@ STARTS = 6  # of the baseline's fit where runs cost; else four times as many, ov
 NEIGHBOURS = ("kind", "volume_fraction", "delay", "frequency")  # labels that order conditions
 HALVED = 4.0  # of chi^2, where the error is halved
 FEWEST = 4  # recordings among which one can be odd
+ALONE = 2  # single mechanisms beside which what varies is asked for anew
 SURE = 0.003  # chance below which a pattern over recordings counts where the other looks see nothing
 SEED, LAW_SEED, VARY_SEED = (
     1,
@@ -163,7 +164,7 @@ class Order:
         if found.adequate or (found.varies and found.varies.aside):
             return found
         if found.naming and wide is not None and not (found.naming.status == Status.COMPLETE and order._steady(found)):
-            order, found = order._again(found)
+            order, found = order._again(found, wide)
         if apart and found.naming and found.naming.status != Status.COMPLETE:
             found = self._but_a_few(d, apart) or found
             if found.varies and found.varies.aside:
@@ -278,22 +279,34 @@ class Order:
         both = replace(found.varies or Varies(), aside=odd.members, commands=odd.commands, slips=odd.slips)
         return replace(found, detection=d.detection, varies=both, problem=found.problem or part.problem)
 
-    def _again(self, found: Findings) -> tuple[Order, Findings]:
-        """What is named with what varies about it, where that explains more."""
+    def _again(self, found: Findings, wide: Wider) -> tuple[Order, Findings]:
+        """What is named with what varies about it, where that explains more. wide: by which this was asked before."""
         from .vary import explain
 
         naming = found.naming
         assert naming is not None
-        wide = self._wider(naming.best.fit, beside=True)
-        if wide is None or wide.problem.system.candidates.keys() == self.problem.system.candidates.keys():
-            return self, found
         self.say("asking which numbers vary beside these")
-        order = replace(self, problem=wide.problem)
-        more = order.name(replace(found, naming=None, problem=order.problem), naming.best.fit)
-        assert more.naming is not None
-        if more.naming.status == Status.UNDETERMINED:
-            return self, found
-        return order, replace(more, varies=explain.named(order.problem, more.naming))
+        for about in self._abouts(naming, wide):
+            wide = self._wider(about, beside=True) or wide
+            if wide.problem.system.candidates.keys() == self.problem.system.candidates.keys():
+                continue
+            order = replace(self, problem=wide.problem)
+            more = order.name(replace(found, naming=None, problem=order.problem), about)
+            assert more.naming is not None
+            first = about is naming.best.fit
+            if more.naming.status == Status.COMPLETE or (first and more.naming.status == Status.PARTIAL):
+                return order, replace(more, varies=explain.named(order.problem, more.naming))
+        return self, found
+
+    def _abouts(self, naming: Naming, wide: Wider) -> list[Fit]:
+        """The fit of what is named; where nothing is also those of the likeliest single mechanisms, whose place others
+        may have taken that what varies had asked for."""
+        fits = [naming.best.fit]
+        if naming.status == Status.UNDETERMINED and wide.screen.weighed and not isinstance(self.problem.system, Costly):
+            own = patterns_of(self.problem.system)
+            alone = [e.fit for e in naming.tried if len(e.mechanisms) == 1 and e.mechanisms[0] not in own]
+            fits += alone[:ALONE]
+        return fits
 
     def beyond(self, d: Findings) -> Findings:
         """What is named, with what describes the rest: a law of no list, else generic forces; nothing where nothing is
