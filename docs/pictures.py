@@ -51,6 +51,7 @@ FEW = {  # of a study: what makes it quick and draws all that it draws
     "minimum-amplitude": {"frequency": "6:16:6"},
     "lift-off-time": {"frequency": "8:14.5:9", "amplitude": "0.00002:0.0006:6", "cycles": "20"},
     "map": {"frequency": "5:18:8", "phase": "0:6.2:7"},
+    "bifurcation": {"frequency": "4.5:24:60", "amplitude": "0.0006:0.0014:3"},
     "scatter": {"frequency": "5:15:6", "phase": "0:6.2:5"},
     "traces": {"frequency": "8.2", "phase": "1.5708"},
     "alpha": {"alpha": "0.06:1.2:4"},

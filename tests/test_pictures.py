@@ -14,7 +14,7 @@ from test_readme import PAGES
 
 sys.path.append(str(ROOT / "docs"))
 pictures = importlib.import_module("pictures")
-SLOW = ("hard_bifurcation", "hard_comparison", "dem_hexagonal", "planning", "granular-plan-strategies")
+SLOW = ("hard_comparison", "dem_hexagonal", "planning", "granular-plan-strategies")
 SLOW += ("granular-plan-heights", "hard_alpha", "hard_lift-off-time")
 PLANS = ("planning", "granular-plan-heights", "granular-plan-strategies")
 

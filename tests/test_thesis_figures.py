@@ -129,7 +129,7 @@ CLAIMS: dict[int, tuple[Panels, ...]] = {
     66: (Panels("", "motor on the rod [mm]", series=3, points=200), Panels("", "height [mm]", series=3, points=200)),
     67: PLAN,
     68: (Panels("", "speed [mm/s]", series=1, points=200),),
-    69: (OVERSHOOTS,),
+    69: (OVERSHOOTS, Panels("depth [mm]", "force [N]", series=3, points=100)),
 }
 SHORT = {  # of a command: what makes it quick
     "minimum-amplitude": "--frequency 6:16:6",
@@ -155,8 +155,16 @@ def rows() -> dict[int, list[str]]:
         ground = "granular" if "granular" in command or "loose_sand" in command else "hard"
         more = re.findall(r"by `(?:sweep (\w+) )?--analysis ([\w-]+)`", text)
         free = [(g or ground, name) for g, name in more if not studies()[name].of_campaign]
-        out[int(number)] = [command, *(f"sweep {g} --analysis {name}" for g, name in free)]
+        drawn = [
+            c for folder in re.findall(r"by `jumpvision run (\w+)`", text) for c in (f"run {folder}", figures(folder))
+        ]
+        out[int(number)] = [command, *(f"sweep {g} --analysis {name}" for g, name in free), *drawn]
     return out
+
+
+def figures(folder: str) -> str:
+    """The figures of print, which are those of the page's: the page draws them into its text."""
+    return f"figures run-{folder} --format png"
 
 
 def test_every_row_with_a_command_is_looked_at():
@@ -196,14 +204,14 @@ def carried_out(command: str, made: list[Figure]) -> list[Figure]:
     if command not in DRAWN:
         words = shlex.split(command.replace(" --results results", ""))  # each has a folder of its own
         name = words[words.index("--analysis") + 1] if "--analysis" in words else ""
-        if words[:2] == ["run", "intrusions"] and not Path("intrusions").exists():
-            assert main(["synth", "intrusions.toml", "intrusions", "--workers", "1"]) == 0
+        if words[0] == "run" and Path(f"{words[1]}.toml").exists() and not Path(words[1]).exists():
+            assert main(["synth", f"{words[1]}.toml", words[1], "--workers", "1"]) == 0
         if words[0] == "dem":
             words += shlex.split("--beds 1")
         if words[0] in ("run", "sweep"):
             words += ["--workers", "1"]
         made.clear()
-        results = ["--results", re.sub(r"\W+", "-", command)]
+        results = ["--results", re.sub(r"\W+", "-", command)] if words[0] != "figures" else []
         assert main([*words, *shlex.split(SHORT.get(name, "")), *results]) == 0
         DRAWN[command] = list(made)
     return DRAWN[command]
