@@ -251,6 +251,21 @@ CLAIMS = [
         r"scatter below 4 Hz \|[^|]*\|[^|]*\| median ([\d.]+) %",
         of("hard", "scatter", "std of flight height below 4 Hz", 1),
     ),
+    Claim(
+        "hard_ground",
+        r"far above \((\d+) travels against (\d+) and (\d+) in the mean\)",
+        of("hard", "muscle", "insect", 2, 1, 0),
+    ),
+    Claim(
+        "hard_ground",
+        r"above the countermovement \(([\d.]+), ([\d.]+), squat ([\d.]+)\)",
+        of("hard", "muscle", "bush baby", 2, 1, 0),
+    ),
+    Claim(
+        "hard_ground",
+        r"the human's like it \(([\d.]+), ([\d.]+), squat ([\d.]+)\)",
+        of("hard", "muscle", "human", 2, 1, 0),
+    ),
     # chapter III
     Claim(
         "granular",

@@ -50,6 +50,10 @@ FILM = "run data_samples/loose_sand/stutter-7.0Hz-film"
 PLAN = (Panels("", "motor on the rod [mm]", series=2, points=200), Panels("", "height [mm]", series=2, points=200))
 
 CLAIMS: dict[int, tuple[Panels, ...]] = {
+    14: (
+        Panels("compliance", "height / travel", panels=3, series=3, points=30),
+        Panels("power of the muscle [W]", "height / travel", panels=3, series=3, points=20),
+    ),
     19: (MOTOR, Panels("time [s]", "encoder − command [mm]", series=1, points=250)),
     20: (
         Panels("column [px]", "row [px]", series=1, points=700),

@@ -11,7 +11,7 @@ from jumpvision.experiment.results.fields import attributes_of
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, NewFigure
 from jumpvision.thesis.figures.sweeps import figure_of
 from jumpvision.thesis.studies import animals as animals_of
-from jumpvision.thesis.studies import scaling
+from jumpvision.thesis.studies import muscles, scaling
 from jumpvision.thesis.studies.compute import origin_of
 
 if TYPE_CHECKING:
@@ -183,4 +183,28 @@ def height_amplitude(data: xr.Dataset, Figure: NewFigure) -> Figure:
         ends = [float(x) * 1e3 for x in (data.amplitude[0], data.amplitude[-1])]
         axis.set(title=f"{kind}", xlabel="$f / f_0$", ylabel="amplitude A [mm]", ylim=ends)
         axis.grid(False)
+    return figure
+
+
+@figure_of(muscles.muscle)
+def muscle(data: xr.Dataset, Figure: NewFigure) -> Figure:
+    """Height of three techniques over the spring's compliance, and over the muscle's power, by strength."""
+    told = attributes_of(muscles.Limited, data)
+    looks = {"squat": (MEASURED, "--"), "countermovement": (MODEL, "-"), "catapult": (GREEN, "-.")}
+    figure = Figure(figsize=(10.4, 6.2), layout="constrained")
+    for column, strength in zip(figure.subplots(2, 3).T, data.strength.values):
+        one = data.sel(strength=strength)
+        for technique, (color, style) in looks.items():
+            given = {"ls": style, "color": color, "label": technique}
+            column[0].plot(data.compliance, one.relative_height.sel(technique=technique), **given)
+            column[1].plot(one.power_W, one.height_by_speed.sel(technique=technique), **given)
+        weights = f"{strength}: {muscles.STRENGTHS[str(strength)]:g} weights"
+        column[0].set(title=weights, xlabel="compliance F_0 / (k travel)", ylim=(0, None))
+        column[1].set(
+            title=f"compliance {told.compliance:g}", xlabel="greatest power of the muscle [W]", ylim=(0, None)
+        )
+        logarithmic(column[1], "x")
+        for axis in column:
+            axis.set_ylabel("height / travel")
+    figure.axes[0].legend()
     return figure
