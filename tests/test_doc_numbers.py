@@ -319,6 +319,9 @@ CLAIMS = [
     # plans, discs, feet
     Claim("planning", r"until the re-simulated apex is within (\d+) µm", planned, most=True),
     Claim("dem", r"\(area fraction ([\d.]+), ([\d,]+) discs\)", lattice_discs),
+    Claim("rft", r"k_1 = ([\d.]+) \(([\d.]+) to ([\d.]+)\) by Li", of("granular", "mantle", "k_2 / k_1 by Li")),
+    Claim("rft", r"([\d.]+) \(([\d.]+) to ([\d.]+)\) by Agarwal", of("granular", "mantle", "k_2 / k_1 by Agarwal")),
+    Claim("rft", r"that is (\d+) to (\d+) mm of a single", of("granular", "mantle", "single at 8 Hz", 1, 2)),
     Claim("rft", r"a level plate feels ([\d.]+) of it under `3d`", plate_of(generic_3d)),
     Claim("rft", r"([\d.]+) under `2d`", plate_of(of_plane(generic_2d))),
 ]
@@ -344,7 +347,7 @@ def test_a_sentence_says_what_the_program_gives(claim):
     assert misses(claim, page(claim.page)) == ""
 
 
-CHEAP = ("delay", "drag-scale", "foot-radius", "force-models", "height-phi", "jump-types", "ringing")
+CHEAP = ("delay", "drag-scale", "foot-radius", "force-models", "height-phi", "jump-types", "mantle", "ringing")
 TABLE = re.findall(r"^\| `([\w-]+)` \|(.*)\|$", (ROOT / "docs" / "granular.md").read_text(encoding="utf-8"), re.M)
 
 

@@ -98,6 +98,7 @@ CLAIMS: dict[int, tuple[Panels, ...]] = {
         Panels("depth [mm]", "force [N]", series=4, points=100),
         Panels("volume fraction", "resistance", series=2, points=7),
         Panels("volume fraction", "delta", series=1, points=7),
+        Panels("volume fraction", "resistance / foot area", series=3, points=13),
     ),
     49: (Panels("frequency [Hz]", HEIGHTS, series=10, points=5), Panels("volume fraction", "α", series=1, points=4)),
     50: (FORCES, OVERSHOOTS),

@@ -124,6 +124,8 @@ def rft(
 ) -> int:
     """Force and torque of grains on a foot of any shape by resistive force theory: rft.csv, rft.json, rft.png.
 
+    model.toml is the foot, at the first tilt, as the ground of simulate, sweep and plan (--model).
+
     Example: jumpvision rft --stl foot.stl --unit mm --tilt 0:30:4 --scale 4.6e5
     """
     from dataclasses import asdict
@@ -146,6 +148,9 @@ def rft(
     results, numbers = output.results or Path("results/rft"), feet.numbers(triangles, found, grains)
     told = feet.facts_of(foot, table, stl, numbers, "jumpvision " + shlex.join(sys.argv[1:]))
     files = feet.write_forces(found, told, [f for f in (stl, table) if f], results)
+    files.append(results / "model.toml")
+    law = feet.profile_of(foot, triangles, grains, float(axes[1][0]))
+    write_bytes_aside(files[-1], feet.ground_law(law, grains, str(told["command"])).encode())
     if output.pictures:
         from jumpvision.thesis.figures.matter import foot_picture
 
