@@ -93,6 +93,9 @@ ELSEWHERE |= {
     "sweep granular --frequency 4:12:33 --phase 4.712 --model results/rft/model.toml": ON_FOOT,
     "plan --apex 0.03 --ground granular --model results/rft/model.toml": ON_FOOT,
 }
+ELSEWHERE["dem --experiment data_samples/loose_sand/stutter-7.0Hz-film --diameter 0.002"] = (
+    "test_dem_beside.test_the_command_writes_what_the_page_says"
+)
 ELSEWHERE |= {f"sweep hard --analysis {s.name}": EACH for s in studies("hard").values() if not s.of_campaign}
 ELSEWHERE["sweep hard --analysis animals --table animals.csv"] = (
     "test_sweep.test_animals_of_a_table_stand_beside_the_simulated_ones"
