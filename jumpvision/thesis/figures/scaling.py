@@ -117,16 +117,22 @@ def animals(data: xr.Dataset, Figure: NewFigure) -> Figure:
         color, style = LOOK[name]
         left.plot(data.length, data.relative_height.sel(jump=name), style, color=color, label=name)
     left.plot([1.8, 1.8], data.relative_height.interp(length=1.8), "o", ms=4, color="black", label="human values")
+    lengths, shares = data.animal_length_m.values, (data.animal_height_m / data.animal_length_m).values
     for i, name in enumerate(data.animal.values):
         x, y = float(data.animal_length_m[i]), float(data.animal_height_m[i] / data.animal_length_m[i])
         left.plot(x, y, "^", ms=5, color=GREEN, label="measured" if i == 0 else None)
-        left.annotate(str(name), (x, y), xytext=(-6, -2), textcoords="offset points", fontsize=7, ha="right")
+        # to the right, but to the left where another one stands within the words
+        beside, level = np.log10(lengths / x), np.abs(np.log10(shares / y))
+        side = -1 if np.any((beside > 0.0) & (beside < 0.8) & (level < 0.15)) else 1
+        place = {"xytext": (6 * side, -2), "textcoords": "offset points", "ha": "right" if side < 0 else "left"}
+        left.annotate(str(name), (x, y), fontsize=6, **place)
     left.set(
         title="isometric animals: height / body length",
         xlabel="body length [m]",
         ylabel="height / length",
         xscale="log",
         yscale="log",
+        xlim=(0.25 * float(data.length[0]), None),  # room for the names of the smallest
     )
     left.legend()
     right.plot(data.length, data.alpha, color=QUIET)
