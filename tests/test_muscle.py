@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 from jumpvision.jumper.physics.hard.muscle import BEND, CURVATURE, STRETCHED, TECHNIQUES, Muscle, leap, shortening
 from jumpvision.thesis.studies.study import Call, run
@@ -68,7 +69,7 @@ def test_the_height_is_the_muscle_s_work_and_the_spring_s(technique, force, spee
 
 
 def independent(technique, force, speed, compliance):
-    """Height by scipy (DOP853, 1e-10), of a spring that only pushes; the depth of the countermovement is given."""
+    """Height by scipy (DOP853, 1e-10), of a spring that only pushes."""
     m, g, travel = BODY["mass"], BODY["gravity"], BODY["travel"]
     F0, top = force * WEIGHT, speed * RATE
     k = F0 / (compliance * travel)
@@ -98,10 +99,24 @@ def independent(technique, force, speed, compliance):
 
     if technique == "squat":
         return go([-travel, 0.0, -travel + WEIGHT / k])[0]
-    return go([-travel, 0.0, -travel + F0 / k])[0]
+    if technique == "catapult":
+        return go([-travel, 0.0, -travel + F0 / k])[0]
+
+    def falls_from(z):
+        return [z, -math.sqrt(2.0 * g * (-WEIGHT / k - z)), z]
+
+    def too_deep(z):  # how far below -travel the lowest point lies
+        turns = lambda t, s: s[1]  # noqa: E731
+        turns.terminal, turns.direction = True, 1.0
+        down = solve_ivp(
+            lambda t, s: rates(t, s, False), (0.0, 5.0), falls_from(z), "DOP853", events=turns, rtol=1e-10, atol=1e-13
+        )
+        return down.y[0, -1] + travel
+
+    return go(falls_from(brentq(too_deep, -travel, -WEIGHT / k - 1e-9, xtol=1e-12)))[0]
 
 
-@pytest.mark.parametrize("technique", ["squat", "catapult"])
+@pytest.mark.parametrize("technique", TECHNIQUES)
 @pytest.mark.parametrize(
     "force, speed, compliance", [(2.3, 5.0, 0.5), (12.0, 2.0, 0.1), (12.0, 10.0, 0.8), (58.0, 5.0, 0.3)]
 )

@@ -120,7 +120,10 @@ def animals(data: xr.Dataset, Figure: NewFigure) -> Figure:
     lengths, shares = data.animal_length_m.values, (data.animal_height_m / data.animal_length_m).values
     for i, name in enumerate(data.animal.values):
         x, y = float(data.animal_length_m[i]), float(data.animal_height_m[i] / data.animal_length_m[i])
-        left.plot(x, y, "^", ms=5, color=GREEN, label="measured" if i == 0 else None)
+        kind = str(data.kind.values[i])
+        mark, color = {"animal": ("^", GREEN), "robot": ("s", ACCENT)}[kind]
+        known = kind in data.kind.values[:i]
+        left.plot(x, y, mark, ms=5, color=color, label=None if known else f"{kind}, measured")
         # to the right, but to the left where another one stands within the words
         beside, level = np.log10(lengths / x), np.abs(np.log10(shares / y))
         side = -1 if np.any((beside > 0.0) & (beside < 0.8) & (level < 0.15)) else 1
