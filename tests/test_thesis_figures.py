@@ -6,10 +6,12 @@ it is drawn, as matplotlib's own artists.
 
 from __future__ import annotations
 
+import importlib
 import os
 import re
 import shlex
 import shutil
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -136,19 +138,13 @@ CLAIMS: dict[int, tuple[Panels, ...]] = {
     68: (Panels("", "speed [mm/s]", series=1, points=200),),
     69: (OVERSHOOTS, Panels("depth [mm]", "force [N]", series=3, points=100)),
 }
-SHORT = {  # of a command: what makes it quick
-    "minimum-amplitude": "--frequency 6:16:6",
-    "lift-off-time": "--frequency 8:14.5:9 --amplitude 0.00002:0.0006:6 --cycles 20",
-    "map": "--frequency 5:18:8 --phase 0:6.2:7",
-    "height-amplitude": "--amplitude 0.001:0.008:4",
-    "two-frequency": "--alpha 0.06:1.1:4",
-    "jump-types": "--phi 0.57:0.63:5",
-    "height-phi": "--frequency 5:11:5 --phi 0.57:0.63:4",
-    "delay": "--delay 0:0.3:16 --frequency 8:11:3",
-    "alpha-fit": "--frequency 5:11:5 --phi 0.57:0.63:4",
-    "plan-heights": "--apex 0.03:0.04:2",
-    "plan-strategies": "--apex 0.03:0.04:2",
-}
+QUICK = (
+    "minimum-amplitude", "lift-off-time", "map", "height-amplitude", "two-frequency", "jump-types", "height-phi",
+    "delay", "alpha-fit", "plan-heights", "plan-strategies",
+)  # fmt: skip
+sys.path.append(str(ROOT / "docs"))
+FEW = importlib.import_module("pictures").FEW
+SHORT = {n: " ".join(f"--{k} {v}" for k, v in FEW[n].items()) for n in QUICK}  # of a command: what makes it quick
 ELSEWHERE = {34: "the interactive jumper: test_demo.py"}
 DRAWN: dict[str, list[Figure]] = {}  # by command, as it was run
 
