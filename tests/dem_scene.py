@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from discs_as_piv import field_of_discs
 
 from jumpvision.cli import main
 from jumpvision.experiment.results.fields import Piv
@@ -24,6 +23,7 @@ from jumpvision.laboratory.films.grains import View
 from jumpvision.laboratory.jumper import Law as Drive
 from jumpvision.laboratory.jumper import motion_of
 from jumpvision.laboratory.samples import PHASE, SAND_ROBOT, SAND_TERMS, SAND_TRUTH, START
+from jumpvision.thesis.studies.sand.disc_field import field_of_discs
 
 RATE, EXPOSURE, INSTANTS = 500.0, 2e-4, 3
 DENSITY, PHI = 1000.0, 0.57  # kg/m^3 of the grains and volume fraction that the analysis is told

@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 from dem_scene import KINDS, Scene, disc_field, foot_path, run_discs
-from discs_as_piv import field_of_discs
 
 from jumpvision.experiment.inputs.parameters import FlowParams
 from jumpvision.experiment.inputs.sections import Bed, GrainVideo
@@ -15,6 +14,7 @@ from jumpvision.experiment.stages.grains.flow import flow
 from jumpvision.laboratory.dem.discs import Box
 from jumpvision.laboratory.dem.field import coarse_grain
 from jumpvision.laboratory.dem.packing import pack
+from jumpvision.thesis.studies.sand.disc_field import field_of_discs
 
 D = 1e-3
 BED = pack(Box(-0.03, 0.03, -0.04, 0.0), 0.78, diameter=D, density=1.0, rng=np.random.default_rng(0))

@@ -87,6 +87,15 @@ ELSEWHERE |= {
     "explore CAMPAIGN --motion results/plan/plan.csv": f"test_explore.{OFFERED}",
     "explore mystery --before plan.toml --tell payload=0.01": "test_explore.test_a_planned_protocol_is_read_and_told",
 }
+ON_FOOT = "test_rft.test_simulate_sweep_and_plan_take_any_foot"
+ELSEWHERE |= {
+    "rft --shape cone --height 0.03": ON_FOOT,
+    "sweep granular --frequency 4:12:33 --phase 4.712 --model results/rft/model.toml": ON_FOOT,
+    "plan --apex 0.03 --ground granular --model results/rft/model.toml": ON_FOOT,
+}
+ELSEWHERE["dem --experiment data_samples/loose_sand/stutter-7.0Hz-film --diameter 0.002"] = (
+    "test_dem_beside.test_the_command_writes_what_the_page_says"
+)
 ELSEWHERE |= {f"sweep hard --analysis {s.name}": EACH for s in studies("hard").values() if not s.of_campaign}
 ELSEWHERE["sweep hard --analysis animals --table animals.csv"] = (
     "test_sweep.test_animals_of_a_table_stand_beside_the_simulated_ones"
@@ -398,10 +407,10 @@ def test_the_site_builds_without_a_warning(tmp_path):
 
 
 def test_every_figure_of_the_thesis_stands_with_a_command_that_is_known():
-    """docs/figures.md: chapters II to IV are Figs 18 to 69; a command is the program's, an analysis one that it has."""
+    """docs/figures.md: Fig 14 and those of chapters II to IV, 18 to 69; a command is the program's, an analysis too."""
     page = (DOCS / "figures.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| (\d+) \| ([^|]+) \|", page, re.M)
-    assert [int(n) for n, _ in rows] == list(range(18, 70))
+    assert [int(n) for n, _ in rows] == [14, *range(18, 70)]
     analyses = {name for ground in ("hard", "granular") for name in studies(ground)}
     known = known_commands()
     for command in re.findall(r"`jumpvision ([^`]+)`", page):

@@ -11,7 +11,7 @@ from conftest import later
 from jumpvision.cli import main
 from jumpvision.estimate.mean import correlation_time
 from jumpvision.estimate.strokes import deep_ripple
-from jumpvision.experiment.campaign.measured.intrusions import FITTED, Fitted, SlowIntrusion, bed_laws
+from jumpvision.experiment.campaign.measured.intrusions import FITTED, Fitted, SlowIntrusion, bed_laws, stepped
 from jumpvision.experiment.inputs.parameters import IntrusionParams
 from jumpvision.experiment.stages.bed.intrusion import curves_of
 from jumpvision.laboratory import write
@@ -254,3 +254,20 @@ def test_a_campaign_shows_the_foot_area_law_and_the_critical_packing(tmp_path):
         assert low - 0.001 < 0.605 < high + 0.001 and high - low < 0.01
     assert not data["bed_laws"]["delta"]["kinked"]  # the same at every packing
     assert "Slow intrusions" in (results / "report.html").read_text()
+
+
+def in_steps(name, step, phi=0.58, radius=0.02):
+    z = np.linspace(0.0, 0.06, 7)
+    given = (z, 700.0 * z, np.zeros(7), None, None, None, np.nan)
+    unknown = {n: Fitted(np.nan, np.nan) for n in FITTED}
+    pauses = tuple(np.arange(step, 0.06, step)) if step else ()
+    return SlowIntrusion(name, radius, phi, 0.0, 1.0, unknown, *given, pauses)
+
+
+def test_intrusions_in_steps_are_laid_over_one_another_by_foot_and_bed():
+    """The bed and foot with most step lengths, the longest first; repeats once, single steps and plain ones never."""
+    rows = [in_steps(n, s) for n, s in (("fine", 0.001), ("coarse", 0.01), ("again", 0.01), ("plain", 0.0))]
+    other = [in_steps("dense", 0.005, phi=0.62), in_steps("wide", 0.003, radius=0.04), in_steps("once", 0.04)]
+    assert [r.experiment for r in stepped([*rows, *other])] == ["coarse", "fine"]
+    assert stepped(other) == [] and stepped([rows[1], rows[2]]) == []
+    assert rows[0].step == pytest.approx(0.001) and np.isnan(rows[3].step)

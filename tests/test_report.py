@@ -677,3 +677,11 @@ def test_residuals_have_ticks_to_be_read_by(pages, open_page):
     page = open_page(pages / "stutter-1" / REPORT)
     across = "[...document.querySelectorAll('.plot')].map(p => p.querySelectorAll('path.grid[d*=H]').length)"
     assert min(page.evaluate(across)) >= 3
+
+
+def test_a_long_name_beside_a_bar_is_cut_and_no_mechanism_is():
+    from jumpvision.jumper.mechanisms.registry import MECHANISMS
+    from jumpvision.report.figures.diagnosis import tick
+
+    assert tick("scale of stutter-5.5Hz-1, stutter-5.5Hz-2 and others") == "scale of stutter-5.5Hz-1, …"
+    assert not [m for m in MECHANISMS if "…" in tick(m)]

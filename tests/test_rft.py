@@ -3,14 +3,25 @@
 import json
 import math
 import struct
+import tomllib
 
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import SAMPLES
 
 from jumpvision.cli import main
+from jumpvision.jumper.mechanisms.own import parameters_with, read_own
+from jumpvision.jumper.mechanisms.record import Body
+from jumpvision.jumper.physics.forcing import sinusoid
+from jumpvision.jumper.physics.model import Model
 from jumpvision.jumper.physics.rft import Grains, cut, faces, generic_2d, generic_3d, of_plane, push
+from jumpvision.jumper.physics.sand.jump import simulate
 from jumpvision.jumper.physics.shapes import box, cone, disc, read_stl, sphere, tilted, volume
+from jumpvision.laboratory.jumper import Law, Robot, motion_of
+from jumpvision.thesis.studies.sand.feet import plate_stress
+from jumpvision.thesis.studies.sand.mantle import mantle_shares
+from jumpvision.thesis.studies.study import Call, run
 
 DOWN = (0.0, 0.0, -1.0)
 PLANE = of_plane(generic_2d)
@@ -221,3 +232,80 @@ def test_plates_in_our_own_discs_feel_what_the_published_plates_feel():
     assert tilted["z"] / level["z"] == pytest.approx(0.56, abs=0.2)
     assert tilted["x"] / level["z"] == pytest.approx(-0.22, abs=0.15)
     assert abs(level["x"] / level["z"]) < 0.06
+
+
+# -- the foot as the ground of a jumper ------------------------------------------------------------------------------
+ROBOT = {
+    "motor_mass": 1.125, "rod_mass": 0.175, "foot_mass": 0.04, "spring_stiffness": 3300.0, "spring_damping": 1.2,
+    "gravity": 9.81, "foot_radius": 0.0381,
+}  # fmt: skip
+
+
+def on_foot(folder, *words):
+    """The model of the robot on the foot of `jumpvision rft WORDS`, and the values of its law."""
+    asked = ["rft", *words, "--depth", "0:0.06:3", "--results", str(folder), "--no-pictures", "--workers", "1"]
+    assert main(asked) == 0
+    table = tomllib.loads((folder / "model.toml").read_text())
+    own, problems = read_own(table["mechanism"], "model.toml [mechanism]")
+    assert problems == []
+    values = {n: v for n, v in table["model"].items() if n != "terms"}
+    laws = tuple(own.values())
+    return Model("granular", tuple(table["model"]["terms"]), parameters_with(laws)(**values), own=laws, **ROBOT)
+
+
+def test_a_cone_as_ground_law_is_the_integral_over_its_mantle(tmp_path):
+    """sigma_z of the mantle times the integral of depth over it, to 1 % of the force at the cone's height."""
+    height, radius = 0.066, 0.0381
+    m = on_foot(tmp_path, "--shape", "cone", "--height", str(height), "--inertia", "0", "--scale", "4e5")
+    law, t = m.acting(Body.STATIC)[0], math.atan2(height, radius)
+    for z in (0.01, 0.03, 0.06, 0.066, 0.1):
+        h = (np.arange(20000) + 0.5) / 20000 * min(z, height)  # of rings of the mantle above the tip
+        ring = 2.0 * math.pi * (h / math.tan(t)) / math.sin(t) * (h[1] - h[0])
+        force = plate_stress(Grains(4e5), t) * float(np.sum(ring * (z - h)))
+        full = plate_stress(Grains(4e5), t) * math.pi * radius * math.hypot(radius, height) * height / 3.0
+        assert m.force(law, z=z) == pytest.approx(force, abs=0.01 * full), z
+
+
+def test_a_flat_foot_jumps_as_on_a_linear_ground_by_the_laboratory_s_own_integrator(tmp_path):
+    """RFT of a level disc is k z, k = 0.87504 scale pi R^2, its drag inertia density pi R^2 v^2; heights to 0.1 mm."""
+    m = on_foot(tmp_path)
+    k, alpha = 0.87504 * 4.6e5 * math.pi * 0.0381**2, 1.1 * 570.0 * math.pi * 0.0381**2
+    assert m.parameters.alpha == pytest.approx(alpha, rel=1e-6)
+    for f, phase in ((6.0, 1.5 * math.pi), (5.0, 0.5 * math.pi)):
+        ours = simulate(m, sinusoid(f, 0.01875, phase), t=[0.0, 0.8], rtol=1e-8, atol=1e-11).jump_height
+        robot = Robot(**ROBOT)
+        truth = motion_of(
+            robot, Law(f, 0.01875, phase, 0.0), ["linear_penetration", "inertial_drag"], {"k": k, "alpha": alpha},
+            ground="granular", duration=0.8, dt=2e-6, every=50,
+        )  # fmt: skip
+        assert ours == pytest.approx(truth.jump_height, abs=1e-4)
+
+
+def test_simulate_sweep_and_plan_take_any_foot(tmp_path):
+    """A tilted box goes through all three; the plan's apex is that of the events' own simulation."""
+    pytest.importorskip("casadi", reason="planning needs CasADi: pip install 'jumpvision[plan]'")
+    on_foot(tmp_path / "foot", "--shape", "box", "--tilt", "20")
+    model = str(tmp_path / "foot" / "model.toml")
+    asked = ["sweep", "granular", "--frequency", "6", "--phase", "4.712", "--model", model, "--no-pictures"]
+    assert main([*asked, "--results", str(tmp_path / "sweep"), "--workers", "1"]) == 0
+    assert (
+        main(["plan", "--apex", "0.03", "--ground", "granular", "--model", model, "--results", str(tmp_path / "p")])
+        == 0
+    )
+    told = json.loads((tmp_path / "p" / "plan.json").read_text())
+    assert told["status"] == "solved" and told["resimulated_apex_m"] == pytest.approx(0.03, abs=1e-4)
+    sample = SAMPLES / "loose_sand" / "stutter-5.0Hz-1"
+    assert main(["simulate", str(sample), "--model", model, "--results", str(tmp_path / "s"), "--no-pictures"]) == 0
+    assert (tmp_path / "s" / "simulation.csv").exists()
+
+
+def test_k2_foretold_from_published_stresses():
+    """By hand from Li's coefficients at 60 degrees: (0.206 - 0.169/2 - 0.212/2 + 0.358 - 0.055/2) / cos 60 = 0.692."""
+    shares = mantle_shares()
+    assert shares["Li et al. 2013"][1] == pytest.approx(0.692, abs=1e-6)
+    data, rows = run(Call("granular", {"phi": "0.57:0.63:3"}, "mantle", say=lambda text: None))
+    area = math.pi * 0.0381**2
+    np.testing.assert_allclose(data.k2_per_area.sel(k2="own") * area, [2100.0, 3300.0, 4500.0], rtol=1e-9)
+    assert (data.k2_per_area.sel(k2="least") < data.k2_per_area.sel(k2="greatest")).all()
+    h = data.jump_height_m.sel(phi=0.57)
+    assert h.sel(k2="least") < h.sel(k2="mean") < h.sel(k2="greatest") and len(rows) == 4

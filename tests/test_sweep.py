@@ -14,6 +14,7 @@ import subprocess
 import sys
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 from conftest import later
@@ -32,7 +33,7 @@ from jumpvision.jumper.physics.model import Model
 from jumpvision.jumper.physics.oscillator import best_jump
 from jumpvision.jumper.physics.sand.jump import simulate
 from jumpvision.thesis.figures.sweeps import picture
-from jumpvision.thesis.studies.animals import HUMAN
+from jumpvision.thesis.studies.animals import HUMAN, SHIPPED
 from jumpvision.thesis.studies.axes import AXES, read_axes
 from jumpvision.thesis.studies.compute import RESULTS, write
 from jumpvision.thesis.studies.setup import setup_of
@@ -562,6 +563,17 @@ def test_animals_of_a_table_stand_beside_the_simulated_ones(tmp_path):
         table.write_text(text)
         with pytest.raises(InputError, match=re.escape(told)):
             run(Call("hard", {}, "animals", table=table))
+
+
+def test_every_animal_that_is_shipped_has_its_source_and_the_height_that_is_told():
+    """Without a height its own (v sin(angle))^2/2g, at most v^2/2g, to the digits written."""
+    table = pd.read_csv(SHIPPED, comment="#")
+    assert (table.kind == "animal").sum() == 12 and table.animal.is_unique and table.source.str.len().min() > 20
+    for row in table[~table.told.str.startswith("height")].itertuples():
+        up = row.take_off_m_s * (math.sin(math.radians(row.angle_deg)) if np.isfinite(row.angle_deg) else 1.0)
+        assert row._4 == pytest.approx(up**2 / (2 * 9.81), abs=6e-5), row.animal
+    data, _ = study("animals")
+    assert data.animal_height_m.values == pytest.approx(table["height [m]"].to_numpy())
 
 
 @pytest.mark.parametrize("k", [10, 60])

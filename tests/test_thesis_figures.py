@@ -6,10 +6,12 @@ it is drawn, as matplotlib's own artists.
 
 from __future__ import annotations
 
+import importlib
 import os
 import re
 import shlex
 import shutil
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -50,6 +52,10 @@ FILM = "run data_samples/loose_sand/stutter-7.0Hz-film"
 PLAN = (Panels("", "motor on the rod [mm]", series=2, points=200), Panels("", "height [mm]", series=2, points=200))
 
 CLAIMS: dict[int, tuple[Panels, ...]] = {
+    14: (
+        Panels("compliance", "height / travel", panels=3, series=3, points=30),
+        Panels("power of the muscle [W]", "height / travel", panels=3, series=3, points=20),
+    ),
     19: (MOTOR, Panels("time [s]", "encoder − command [mm]", series=1, points=250)),
     20: (
         Panels("column [px]", "row [px]", series=1, points=700),
@@ -94,6 +100,7 @@ CLAIMS: dict[int, tuple[Panels, ...]] = {
         Panels("depth [mm]", "force [N]", series=4, points=100),
         Panels("volume fraction", "resistance", series=2, points=7),
         Panels("volume fraction", "delta", series=1, points=7),
+        Panels("volume fraction", "resistance / foot area", series=3, points=13),
     ),
     49: (Panels("frequency [Hz]", HEIGHTS, series=10, points=5), Panels("volume fraction", "α", series=1, points=4)),
     50: (FORCES, OVERSHOOTS),
@@ -129,21 +136,15 @@ CLAIMS: dict[int, tuple[Panels, ...]] = {
     66: (Panels("", "motor on the rod [mm]", series=3, points=200), Panels("", "height [mm]", series=3, points=200)),
     67: PLAN,
     68: (Panels("", "speed [mm/s]", series=1, points=200),),
-    69: (OVERSHOOTS,),
+    69: (OVERSHOOTS, Panels("depth [mm]", "force [N]", series=3, points=100)),
 }
-SHORT = {  # of a command: what makes it quick
-    "minimum-amplitude": "--frequency 6:16:6",
-    "lift-off-time": "--frequency 8:14.5:9 --amplitude 0.00002:0.0006:6 --cycles 20",
-    "map": "--frequency 5:18:8 --phase 0:6.2:7",
-    "height-amplitude": "--amplitude 0.001:0.008:4",
-    "two-frequency": "--alpha 0.06:1.1:4",
-    "jump-types": "--phi 0.57:0.63:5",
-    "height-phi": "--frequency 5:11:5 --phi 0.57:0.63:4",
-    "delay": "--delay 0:0.3:16 --frequency 8:11:3",
-    "alpha-fit": "--frequency 5:11:5 --phi 0.57:0.63:4",
-    "plan-heights": "--apex 0.03:0.04:2",
-    "plan-strategies": "--apex 0.03:0.04:2",
-}
+QUICK = (
+    "minimum-amplitude", "lift-off-time", "map", "height-amplitude", "two-frequency", "jump-types", "height-phi",
+    "delay", "alpha-fit", "plan-heights", "plan-strategies",
+)  # fmt: skip
+sys.path.append(str(ROOT / "docs"))
+FEW = importlib.import_module("pictures").FEW
+SHORT = {n: " ".join(f"--{k} {v}" for k, v in FEW[n].items()) for n in QUICK}  # of a command: what makes it quick
 ELSEWHERE = {34: "the interactive jumper: test_demo.py"}
 DRAWN: dict[str, list[Figure]] = {}  # by command, as it was run
 
@@ -155,8 +156,16 @@ def rows() -> dict[int, list[str]]:
         ground = "granular" if "granular" in command or "loose_sand" in command else "hard"
         more = re.findall(r"by `(?:sweep (\w+) )?--analysis ([\w-]+)`", text)
         free = [(g or ground, name) for g, name in more if not studies()[name].of_campaign]
-        out[int(number)] = [command, *(f"sweep {g} --analysis {name}" for g, name in free)]
+        drawn = [
+            c for folder in re.findall(r"by `jumpvision run (\w+)`", text) for c in (f"run {folder}", figures(folder))
+        ]
+        out[int(number)] = [command, *(f"sweep {g} --analysis {name}" for g, name in free), *drawn]
     return out
+
+
+def figures(folder: str) -> str:
+    """The figures of print, which are those of the page's: the page draws them into its text."""
+    return f"figures run-{folder} --format png"
 
 
 def test_every_row_with_a_command_is_looked_at():
@@ -196,14 +205,14 @@ def carried_out(command: str, made: list[Figure]) -> list[Figure]:
     if command not in DRAWN:
         words = shlex.split(command.replace(" --results results", ""))  # each has a folder of its own
         name = words[words.index("--analysis") + 1] if "--analysis" in words else ""
-        if words[:2] == ["run", "intrusions"] and not Path("intrusions").exists():
-            assert main(["synth", "intrusions.toml", "intrusions", "--workers", "1"]) == 0
+        if words[0] == "run" and Path(f"{words[1]}.toml").exists() and not Path(words[1]).exists():
+            assert main(["synth", f"{words[1]}.toml", words[1], "--workers", "1"]) == 0
         if words[0] == "dem":
             words += shlex.split("--beds 1")
         if words[0] in ("run", "sweep"):
             words += ["--workers", "1"]
         made.clear()
-        results = ["--results", re.sub(r"\W+", "-", command)]
+        results = ["--results", re.sub(r"\W+", "-", command)] if words[0] != "figures" else []
         assert main([*words, *shlex.split(SHORT.get(name, "")), *results]) == 0
         DRAWN[command] = list(made)
     return DRAWN[command]

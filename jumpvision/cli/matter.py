@@ -7,11 +7,14 @@ import sys
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from .app import DONE, app, cores, option
+
+if TYPE_CHECKING:
+    from jumpvision.thesis.studies.sand.discs import DiscBed
 
 _bed, _foot, _grains = (partial(option, group=f"The {of}") for of in ("bed", "foot", "grains"))
 _way = partial(option, group="Motion: LO:HI:N, or one value")
@@ -50,7 +53,12 @@ class MatterOutput:
 
 @app.command
 def dem(
-    *, beds: int = 2, seed: int = 0, options: DiscOptions = DiscOptions(), output: MatterOutput = MatterOutput()
+    *,
+    beds: int = 2,
+    seed: int = 0,
+    experiment: tuple[Path, ...] = (),
+    options: DiscOptions = DiscOptions(),
+    output: MatterOutput = MatterOutput(),
 ) -> int:
     """Discs under a flat foot (thesis Fig 53): what jams below it, its sides, its mass: dem.nc, dem.json, dem.png.
 
@@ -58,6 +66,9 @@ def dem(
 
     Parameters
     ----------
+    experiment
+        Folders of jumps with a film of the grains, one after another: the foot goes as filmed, and the discs' momentum
+        and added mass are read as the film's are: dem.csv, dem.json, dem.png.
     beds
         Random beds alike, one a process; their scatter is the uncertainty. A lattice has one.
     seed
@@ -74,6 +85,8 @@ def dem(
     bed = checked({n: v for n, v in asdict(options).items() if v is not None})
     if not 1 <= beds <= 1000 or seed < 0:
         raise InputError([f"dem: beds = {beds} must be in [1, 1000] and seed = {seed} at least 0"])
+    if experiment:
+        return _beside(experiment, bed, {n for n, v in asdict(options).items() if v is not None}, beds, seed, output)
     count = beds if bed.bed == "random" else 1
     show.line(f"{count} {'beds' if count > 1 else 'bed'} of discs ({bed.bed}, area fraction {bed.filled:g}) ...")
     with show.progress():
@@ -88,6 +101,40 @@ def dem(
         write_bytes_aside(files[-1], disc_picture(runs, bed, numbers))
     rows = [{"what": name, "value": value} for name, value in asdict(numbers).items()]
     show.written(asdict(numbers), rows, files, as_json=output.json)
+    return DONE
+
+
+def _beside(
+    folders: tuple[Path, ...], bed: DiscBed, given: set[str], beds: int, seed: int, output: MatterOutput
+) -> int:
+    """Discs under the feet of films."""
+    from dataclasses import asdict
+
+    from jumpvision.base.schema import InputError
+    from jumpvision.base.storage import write_bytes_aside
+    from jumpvision.thesis.studies.sand import beside
+
+    from . import terminal as show
+
+    told = sorted(given & {"half_width", "depth", "foot", "stroke", "speed", "density", "restitution", "sizes"})
+    why = "the film tells it, or it is fixed beside a film; leave it out"
+    problems = [f"dem --{n.replace('_', '-')}: {why}" for n in told]
+    if bed.bed != "random":
+        problems.append(f"dem --bed {bed.bed}: beside a film the bed is random, of two sizes; leave it out")
+    if problems:
+        raise InputError(problems)
+    results = output.results or Path("results/dem")
+    with show.progress():
+        films = [beside.film_of(f, results) for f in folders]
+        runs = beside.run_beside(films, bed, beds, seed, output.workers or cores())
+    files = beside.write_beside(films, runs, bed, results, "jumpvision " + shlex.join(sys.argv[1:]))
+    rows = [asdict(beside.compared(f, r)) for f, r in zip(films, runs)]
+    if output.pictures:
+        from jumpvision.thesis.figures.matter import beside_picture
+
+        files.append(results / "dem.png")
+        write_bytes_aside(files[-1], beside_picture(films, runs))
+    show.written({"films": rows}, rows, files, as_json=output.json)
     return DONE
 
 
@@ -124,6 +171,8 @@ def rft(
 ) -> int:
     """Force and torque of grains on a foot of any shape by resistive force theory: rft.csv, rft.json, rft.png.
 
+    model.toml is the foot, at the first tilt, as the ground of simulate, sweep and plan (--model).
+
     Example: jumpvision rft --stl foot.stl --unit mm --tilt 0:30:4 --scale 4.6e5
     """
     from dataclasses import asdict
@@ -146,6 +195,9 @@ def rft(
     results, numbers = output.results or Path("results/rft"), feet.numbers(triangles, found, grains)
     told = feet.facts_of(foot, table, stl, numbers, "jumpvision " + shlex.join(sys.argv[1:]))
     files = feet.write_forces(found, told, [f for f in (stl, table) if f], results)
+    files.append(results / "model.toml")
+    law = feet.profile_of(foot, triangles, grains, float(axes[1][0]))
+    write_bytes_aside(files[-1], feet.ground_law(law, grains, str(told["command"])).encode())
     if output.pictures:
         from jumpvision.thesis.figures.matter import foot_picture
 

@@ -350,8 +350,10 @@ def intrusions_of(
     """foot_radius [m]: of the robot; part, first: as in `jumps_of`."""
     out: list[Intrusion] = []
     for s in sweeps:
+        ways = {other.stops for other in sweeps if other.kind == s.kind}
+        stops = f"-{s.stops}stops" if s.kind != "intrusion" and len(ways) > 1 else ""
         for radius, phi in product(s.foot_radius or (foot_radius,), s.volume_fraction):
-            told = f"-R{1e3 * radius:.6g}mm" if len(s.foot_radius) > 1 else ""
+            told = (f"-R{1e3 * radius:.6g}mm" if len(s.foot_radius) > 1 else "") + stops
             group = f"{part}{s.kind}{told}-phi{phi:.6g}"
             for trial in range(1, s.trials + 1):
                 number = first + len(out)

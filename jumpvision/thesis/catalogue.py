@@ -14,7 +14,7 @@ from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.experiment import files
 from jumpvision.experiment.campaign.measured.actuator import Driven, actuator_bandwidth
 from jumpvision.experiment.campaign.measured.craters import craters_of, zero_crossing
-from jumpvision.experiment.campaign.measured.intrusions import SlowIntrusion, intrusion_laws, slow_intrusion
+from jumpvision.experiment.campaign.measured.intrusions import SlowIntrusion, intrusion_laws, slow_intrusion, stepped
 from jumpvision.experiment.results.fields import Column, Flow, Piv
 from jumpvision.experiment.results.summary import Summary
 from jumpvision.experiment.results.tables import RodMotion, Simulation
@@ -22,7 +22,7 @@ from jumpvision.experiment.results.values import CraterShape, Intrusion
 from jumpvision.report.figures import grains as films
 from jumpvision.report.figures.bed import critical
 from jumpvision.report.figures.diagnosis import gains, heights
-from jumpvision.report.figures.logs import actuator, resistances, single
+from jumpvision.report.figures.logs import actuator, resistances, single, steps
 from jumpvision.report.figures.pictures import Tracked, tracks
 from jumpvision.report.pages.charts import fits_of
 from jumpvision.report.style import FORMATS, NewFigure, lettered, printed, save
@@ -119,6 +119,8 @@ def of_results(r: Results) -> Iterator[Offered]:
             "resistances, bend and oscillations against packing; feet beside the cone",
             lambda F: resistances(rows, intrusion_laws(rows), F),
         )
+        if in_steps := stepped(rows):
+            yield Offered("steps", "force against depth in steps of different lengths", lambda F: steps(in_steps, F))
     craters = [c for c in craters_of(r.having(CraterShape.file)) if c.volume_fraction is not None]
     if len(craters) > 1:
         yield Offered(

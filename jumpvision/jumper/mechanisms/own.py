@@ -22,6 +22,7 @@ from .record import own_name as own_name
 from .registry import MECHANISMS, PARAMETERS, ModelParameters
 
 PLACES = {
+    "static": Body.STATIC,
     "foot": Body.FOOT,
     "foot_mass": Body.INERTIA,
     "carriage": Body.CARRIAGE,
@@ -31,7 +32,7 @@ PLACES = {
     "film_time": Body.TIME,
 }
 """What a law may act on, as files have it."""
-OF_GROUND = (Body.FOOT, Body.INERTIA)
+OF_GROUND = (Body.STATIC, Body.FOOT, Body.INERTIA)
 KEYS = ("acts_on", "law", "let", "words", "source", "parameters", "state", "state_unit", "seen")
 OF_PARAMETER = ("unit", "start", "range", "sigma", "words")
 

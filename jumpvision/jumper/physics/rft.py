@@ -148,6 +148,48 @@ def push(
     return Push(force.sum(axis=0), np.cross(middle - point, force).sum(axis=0), traction)
 
 
+class Profile(NamedTuple):
+    """Slow force [N] on a body going straight down: scale area sum(share max(z - height, 0)), z of its lowest point.
+
+    height (k,) [m] above the lowest point, increasing; share (k,); area [m^2] of the faces that lead, seen from below.
+    off: by how much the merged heights miss the faces' own, over the force at the greatest height. drag [kg/m]: of
+    v^2, with all of the body in the grains.
+    """
+
+    height: Array
+    share: Array
+    area: float
+    off: float
+    drag: float
+
+    def __call__(self, z: ArrayLike) -> Array:
+        """Over scale and area, at depths z (...) [m]."""
+        return np.asarray(np.maximum(np.asarray(z, float)[..., None] - self.height, 0.0) @ self.share)
+
+
+def profile(triangles: Array, *, grains: Grains, heights: int) -> Profile:
+    """Of faces merged to at most `heights` of them, those of equal height exactly; quasistatic but for the drag."""
+    middle, normal, area = faces(triangles)
+    above = middle[:, 2] - triangles[..., 2].min()
+    deep = np.array([0.0, 0.0, 2.0 * float(np.ptp(triangles[..., 2])) + 1.0 + triangles[..., 2].max()])
+    slow = Grains(grains.scale, grains.friction, stress=grains.stress)
+    up = push(triangles - deep, -UP, grains=slow).traction[:, 2] / (slow.scale * (deep[2] - middle[:, 2]))
+    leads = up > 0.0
+    seen = np.maximum(-normal[:, 2], 0.0) * area
+    shadow, own = float(seen.sum()), Profile(above[leads], (up * area)[leads] / seen.sum(), 1.0, 0.0, 0.0)
+    top = float(own.height.max())
+    place = np.round(own.height / max(top, 1e-12), 9)
+    if np.unique(place).size > heights:
+        place = np.minimum(np.floor(place * heights), heights - 1)
+    which, index = np.unique(place, return_inverse=True)
+    share = np.asarray(np.bincount(index, own.share, which.size), float)
+    merged = Profile(np.bincount(index, own.share * own.height, which.size) / share, share, shadow, 0.0, 0.0)
+    z = np.linspace(0.0, max(top, 1e-3), 200)
+    off = float(np.abs(merged(z) - own(z)).max() / max(own(z)[-1], 1e-300))
+    drag = grains.inertia * grains.density * float(np.sum(area * np.maximum(-normal[:, 2], 0.0) ** 3))
+    return merged._replace(off=off, drag=drag)
+
+
 def faces(triangles: Array) -> tuple[Array, Array, Array]:
     """Middles (n, 3) [m], outward normals (n, 3), areas (n,) [m^2]."""
     a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]

@@ -32,6 +32,7 @@ from .learning import Learned
 HEIGHTS_AGREE = 5e-5  # m: a smaller mean error of every kind of jump would read as 0.0 mm
 APART = ("Films", "jumps")
 BODIES = {
+    "static": "a static force of the ground",
     "foot": "a force on the intruding foot",
     "foot_mass": "a mass that moves with the foot",
     "carriage": "a force on the carriage",

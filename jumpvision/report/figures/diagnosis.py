@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -208,7 +209,7 @@ def _causes(ax: Axes, d: Findings) -> None:
     assert d.naming
     tried = d.naming.tried[:BARS]
     called = titles(d)
-    names = ["\n+ ".join(spoken(called.get(m, m)) for m in e.mechanisms) or "baseline" for e in tried]
+    names = ["\n+ ".join(tick(called.get(m, m)) for m in e.mechanisms) or "baseline" for e in tried]
     score = [max(e.fit.chi2 / sum(r.size for r in e.fit.residuals), 1e-3) for e in tried]
     colors = [GREEN if e is d.naming.best and d.naming.named else QUIET for e in tried]
     ax.barh(range(len(tried)), score, color=colors)
@@ -220,6 +221,11 @@ def _causes(ax: Axes, d: Findings) -> None:
         ax.plot([], [], "s", color=GREEN, label="named")
     ax.set(title="misfit of each explanation", xlabel=r"$\chi^2$ per sample")
     under(ax)
+
+
+def tick(name: str) -> str:
+    """A name beside a bar; one that lists recordings is cut, or it would take the panel's room."""
+    return textwrap.shorten(spoken(name), 28, placeholder=" …")
 
 
 def under(ax: Axes, column: float = 0.5) -> None:

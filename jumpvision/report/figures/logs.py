@@ -154,6 +154,33 @@ def draw_feet(axis: Axes, rows: Sequence[SlowIntrusion]) -> None:
         axis.legend()
 
 
+def steps(rows: Sequence[SlowIntrusion], Figure: NewFigure) -> Figure:
+    """Force against depth of intrusions in steps of different lengths, one over the other (thesis Fig 69b).
+
+    rows: of one foot and bed, the longest step first (`stepped`). Beside it the height of each over the one of the
+    longest steps: pauses that follow one another before the force has come back add up.
+    """
+    import matplotlib as mpl
+
+    figure = Figure(figsize=(9.6, 3.6), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=(1.5, 1))
+    longest = rows[0]
+    colors = mpl.colormaps["viridis"](np.linspace(0.0, 0.85, len(rows)))
+    for color, row in zip(colors, rows):
+        z, name = row.depth * 1e3, f"{row.step * 1e3:.3g} mm"
+        left.plot(z, row.force, color=color, lw=0.9, label=name)
+        if row is not longest:
+            shared = (row.depth >= longest.depth.min()) & (row.depth <= longest.depth.max())
+            over = row.force[shared] - np.interp(row.depth[shared], longest.depth, longest.force)
+            right.plot(z[shared], over, color=color, lw=0.9, label=name)
+    right.axhline(0.0, color=QUIET, lw=0.8)
+    bed = f", φ = {longest.volume_fraction:.3f}" if np.isfinite(longest.volume_fraction) else ""
+    left.set(title=f"intrusion in steps{bed}", xlabel="depth [mm]", ylabel="force [N]")
+    right.set(title=f"over steps of {longest.step * 1e3:.3g} mm", xlabel="depth [mm]", ylabel="difference [N]")
+    left.legend(title="step")
+    return figure
+
+
 class SpringPicture(Picture):
     file = "spring.png"
 

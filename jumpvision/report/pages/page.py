@@ -78,9 +78,9 @@ def write_campaign(
     """The page of a campaign. warned: what is to be doubted of it, in sentences."""
     from jumpvision.experiment.campaign.measured.actuator import actuator_bandwidth, driven
     from jumpvision.experiment.campaign.measured.craters import measured_in, zero_crossing
-    from jumpvision.experiment.campaign.measured.intrusions import intrusion_laws, slow_intrusions
+    from jumpvision.experiment.campaign.measured.intrusions import intrusion_laws, slow_intrusions, stepped
     from jumpvision.report.figures.bed import critical
-    from jumpvision.report.figures.logs import actuator, resistances
+    from jumpvision.report.figures.logs import actuator, resistances, steps
 
     craters = measured_in(outcomes)
     crossing = zero_crossing(craters) if craters else None
@@ -110,6 +110,7 @@ def write_campaign(
         model=diagnosis,
         critical=drawing(critical, craters, crossing) if packed else None,
         intrusions=drawing(resistances, intruded, intrusion_laws(intruded)) if intruded else None,
+        in_steps=drawing(steps, in_steps) if (in_steps := stepped(intruded)) else None,
         actuator=drawing(actuator, motors, actuator_bandwidth(motors)) if swept else None,
         table=linked(typeset_rows(overview(campaign, outcomes)), outcomes),
         details=typeset_rows(filmed_foot(details(campaign, outcomes), outcomes)),

@@ -11,7 +11,7 @@ from jumpvision.experiment.results.fields import attributes_of
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, NewFigure
 from jumpvision.thesis.figures.sweeps import figure_of
 from jumpvision.thesis.studies import animals as animals_of
-from jumpvision.thesis.studies import scaling
+from jumpvision.thesis.studies import muscles, scaling
 from jumpvision.thesis.studies.compute import origin_of
 
 if TYPE_CHECKING:
@@ -117,16 +117,25 @@ def animals(data: xr.Dataset, Figure: NewFigure) -> Figure:
         color, style = LOOK[name]
         left.plot(data.length, data.relative_height.sel(jump=name), style, color=color, label=name)
     left.plot([1.8, 1.8], data.relative_height.interp(length=1.8), "o", ms=4, color="black", label="human values")
+    lengths, shares = data.animal_length_m.values, (data.animal_height_m / data.animal_length_m).values
     for i, name in enumerate(data.animal.values):
         x, y = float(data.animal_length_m[i]), float(data.animal_height_m[i] / data.animal_length_m[i])
-        left.plot(x, y, "^", ms=5, color=GREEN, label="measured" if i == 0 else None)
-        left.annotate(str(name), (x, y), xytext=(-6, -2), textcoords="offset points", fontsize=7, ha="right")
+        kind = str(data.kind.values[i])
+        mark, color = {"animal": ("^", GREEN), "robot": ("s", ACCENT)}[kind]
+        known = kind in data.kind.values[:i]
+        left.plot(x, y, mark, ms=5, color=color, label=None if known else f"{kind}, measured")
+        # to the right, but to the left where another one stands within the words
+        beside, level = np.log10(lengths / x), np.abs(np.log10(shares / y))
+        side = -1 if np.any((beside > 0.0) & (beside < 0.8) & (level < 0.15)) else 1
+        place = {"xytext": (6 * side, -2), "textcoords": "offset points", "ha": "right" if side < 0 else "left"}
+        left.annotate(str(name), (x, y), fontsize=6, **place)
     left.set(
         title="isometric animals: height / body length",
         xlabel="body length [m]",
         ylabel="height / length",
         xscale="log",
         yscale="log",
+        xlim=(0.25 * float(data.length[0]), None),  # room for the names of the smallest
     )
     left.legend()
     right.plot(data.length, data.alpha, color=QUIET)
@@ -183,4 +192,28 @@ def height_amplitude(data: xr.Dataset, Figure: NewFigure) -> Figure:
         ends = [float(x) * 1e3 for x in (data.amplitude[0], data.amplitude[-1])]
         axis.set(title=f"{kind}", xlabel="$f / f_0$", ylabel="amplitude A [mm]", ylim=ends)
         axis.grid(False)
+    return figure
+
+
+@figure_of(muscles.muscle)
+def muscle(data: xr.Dataset, Figure: NewFigure) -> Figure:
+    """Height of three techniques over the spring's compliance, and over the muscle's power, by strength."""
+    told = attributes_of(muscles.Limited, data)
+    looks = {"squat": (MEASURED, "--"), "countermovement": (MODEL, "-"), "catapult": (GREEN, "-.")}
+    figure = Figure(figsize=(10.4, 6.2), layout="constrained")
+    for column, strength in zip(figure.subplots(2, 3).T, data.strength.values):
+        one = data.sel(strength=strength)
+        for technique, (color, style) in looks.items():
+            given = {"ls": style, "color": color, "label": technique}
+            column[0].plot(data.compliance, one.relative_height.sel(technique=technique), **given)
+            column[1].plot(one.power_W, one.height_by_speed.sel(technique=technique), **given)
+        weights = f"{strength}: {muscles.STRENGTHS[str(strength)]:g} weights"
+        column[0].set(title=weights, xlabel="compliance F_0 / (k travel)", ylim=(0, None))
+        column[1].set(
+            title=f"compliance {told.compliance:g}", xlabel="greatest power of the muscle [W]", ylim=(0, None)
+        )
+        logarithmic(column[1], "x")
+        for axis in column:
+            axis.set_ylabel("height / travel")
+    figure.axes[0].legend()
     return figure

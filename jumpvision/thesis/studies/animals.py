@@ -18,6 +18,7 @@ from .compute import RESULTS, Variable, dataset
 from .scaling import SEARCH, TYPES
 from .study import Found, Sweep, study
 
+SHIPPED = Path(__file__).with_name("animals.csv")
 HUMAN = {
     "mass": 78.0,
     "stiffness": 28500.0,
@@ -37,15 +38,19 @@ class Animals:
 
 
 class Measured(NamedTuple):
-    """Jumps of real animals: names, body lengths [m] and heights [m], (n,)."""
+    """Jumps of real animals and robots: names, which of both, body lengths [m] and heights [m], (n,)."""
 
     names: list[str]
+    kinds: list[str]
     length: Array
     height: Array
 
 
 def read_animals(path: Path) -> Measured:
-    """A CSV with columns animal, length and height, the last two with units. InputError where it is none."""
+    """A CSV with columns animal, length and height, the last two with units; a column kind tells robots (else animals).
+
+    InputError where it is none.
+    """
     found, data = read_columns(path, {"length": LENGTH, "height": LENGTH})
     names = next((data[c] for c in data.columns if str(c).strip() == "animal"), None)
     if names is None or names.isna().any():
@@ -53,16 +58,19 @@ def read_animals(path: Path) -> Measured:
     for name, values in found.items():
         if bad := np.flatnonzero(values <= 0).tolist():
             raise InputError([f"{path}: column {name}, row {bad[0] + 1}: must be > 0"])
-    return Measured([str(n).strip() for n in names], found["length"], found["height"])
+    kinds = [str(k).strip() for k in data["kind"]] if "kind" in data else ["animal"] * len(names)
+    if wrong := sorted({*kinds} - {"animal", "robot"}):
+        raise InputError([f"{path}: column kind: {', '.join(wrong)}; must be animal or robot"])
+    return Measured([str(n).strip() for n in names], kinds, found["length"], found["height"])
 
 
 @study("animals", "hard", source="Fig 35", table=True)
 def animals(s: Sweep) -> Found:
     """Heights of isometric animals relative to body length, from human values; rod share of the robot.
 
-    With a table, animals of the user's stand beside them.
+    Beside them jumps of animals from the literature, SHIPPED, or those of a table of the user's.
     """
-    seen = read_animals(s.table) if s.table else Measured([], np.empty(0), np.empty(0))
+    seen = read_animals(s.table or SHIPPED)
     length = np.geomspace(1e-3, 5.0, 90)
     g = 9.81
     zeta = HUMAN["damping"] / (2 * np.sqrt(HUMAN["stiffness"] * HUMAN["mass"]))
@@ -98,7 +106,12 @@ def animals(s: Sweep) -> Found:
     }
     data = dataset(
         s,
-        {"jump": list(TYPES), "length": length, "animal": np.array(seen.names, dtype=str)},
+        {
+            "jump": list(TYPES),
+            "length": length,
+            "animal": np.array(seen.names, dtype=str),
+            "kind": ("animal", np.array(seen.kinds, dtype=str)),
+        },
         ("jump", "length"),
         own,
         extra,

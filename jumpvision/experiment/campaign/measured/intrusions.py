@@ -27,6 +27,7 @@ FITTED = ("k1", "k2", "delta", "s", "s_p", "lam", "ripple_N", "ripple_variance_N
 SLOPES = {"k1": "k1", "k2": "k2", "delta": "delta"}  # parameter of the bed -> fit, where two slopes tell the force
 GROWING = {"k1": "k1_cone", "sigma_cone": "sigma_cone", "mu": "mu_cone"}  # where the growing cone does
 OVERSHOOTS = ("s", "s_p", "lam")
+SAME_BED = 0.004  # of the volume fraction: beds within half of it count as one
 KINKED = 0.05  # p of a straight line below which a law has a kink
 
 
@@ -47,7 +48,7 @@ class SlowIntrusion:
 
     event: (n,) number of the pause or withdrawal that a sample follows, below 0 before the first. cone: force of the
     fitted cone, (n,), flat, mantle: those of its face and its side; None without a foot. cone_odds: logarithm of its
-    odds against the slopes, NaN without a foot.
+    odds against the slopes, NaN without a foot. pauses: depths [m] at which the arm stood still, in their order.
     """
 
     experiment: str
@@ -63,6 +64,12 @@ class SlowIntrusion:
     flat: Array | None = None
     mantle: Array | None = None
     cone_odds: float = np.nan
+    pauses: tuple[float, ...] = ()
+
+    @property
+    def step(self) -> float:
+        """Way between pauses [m], the median; NaN of fewer than two."""
+        return float(np.median(np.diff(self.pauses))) if len(self.pauses) > 1 else np.nan
 
     @property
     def cells(self) -> dict[str, str | float]:
@@ -120,7 +127,22 @@ def slow_intrusion(
         flat,
         mantle,
         number(cone["log_odds"]) if cone else np.nan,
+        tuple(e["depth_m"] for e in record["events"] if e["kind"] == "stop_go"),
     )
+
+
+def stepped(rows: Sequence[SlowIntrusion]) -> list[SlowIntrusion]:
+    """One intrusion of each way between pauses, the longest first, of one foot in one bed; none where they are alike.
+
+    The foot and the bed (volume fractions within SAME_BED) in which most ways were gone; of several the loosest.
+    """
+    groups: dict[tuple[float, int], dict[float, SlowIntrusion]] = {}
+    for row in sorted(rows, key=lambda r: float(np.nan_to_num(r.volume_fraction))):
+        if np.isfinite(row.step):
+            bed = round(float(np.nan_to_num(row.volume_fraction)) / SAME_BED)
+            groups.setdefault((row.foot_radius, bed), {}).setdefault(round(row.step, 4), row)
+    most = max(groups.values(), key=len, default={})
+    return [most[s] for s in sorted(most, reverse=True)] if len(most) > 1 else []
 
 
 def common_share(rows: Sequence[SlowIntrusion]) -> float:

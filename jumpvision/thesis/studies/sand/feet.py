@@ -19,11 +19,24 @@ from jumpvision.base.storage import sha256, write_aside
 from jumpvision.experiment.inputs.logs import read_columns
 from jumpvision.experiment.workflow.entries import versions
 from jumpvision.jumper.physics import shapes
-from jumpvision.jumper.physics.rft import Grains, Table, cut, generic_2d, generic_3d, gridded, of_plane, push
+from jumpvision.jumper.physics.rft import (
+    Grains,
+    Profile,
+    Table,
+    cut,
+    generic_2d,
+    generic_3d,
+    gridded,
+    of_plane,
+    profile,
+    push,
+)
 
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254}
 STRESS = {"N/m^3": 1.0, "N/cm^3": 1e6, "kN/m^3": 1e3}
 ANGLE = {"deg": math.pi / 180.0, "rad": 1.0}
+HEIGHTS = 12  # of faces that the law of model.toml tells apart
+PART = 6  # of them in a part of the law
 COLUMNS = ("plate", "motion", "alpha_x", "alpha_z")
 
 
@@ -134,8 +147,38 @@ def forces(foot: Foot, triangles: Array, grains: Grains, depth: Array, tilt: Arr
     return pd.DataFrame(rows, columns=names)
 
 
-def mantle(grains: Grains, theta: float = math.pi / 3) -> float:
-    """sigma_z of thesis eq. (27) [N/m^3]: vertical stress per depth on a mantle at theta to the horizontal."""
+def profile_of(foot: Foot, triangles: Array, grains: Grains, tilt: float) -> Profile:
+    """Of the foot at a tilt [deg] that goes straight down; with the drag of v^2 whatever its speed."""
+    standing = shapes.tilted(triangles, math.radians(tilt))
+    return profile(standing, grains=replace(grains, inertia=foot.inertia, density=foot.density), heights=HEIGHTS)
+
+
+def ground_law(found: Profile, grains: Grains, comment: str) -> str:
+    """model.toml: the foot as the ground of simulate, sweep and plan; a level body that goes straight down."""
+    height = float(found.height[-1])
+    terms = [
+        f"{s:.8g} * maximum(z - {h / height:.8g} * height, 0)" if h else f"{s:.8g} * z"
+        for h, s in zip(found.height.tolist(), found.share.tolist())
+    ]
+    parts = {f"part_{i}": " + ".join(terms[k : k + PART]) for i, k in enumerate(range(0, len(terms), PART))}
+    own = '"rft_foot", "inertial_drag"' if found.drag > 0.0 else '"rft_foot"'
+    lines = [f"# {comment}", "[model]", f"terms = [{own}]"]
+    lines += [f"alpha = {found.drag!r}  # kg/m: of v^2, all of the foot in the grains"] if found.drag > 0.0 else []
+    lines += ["", "[mechanism.rft_foot]", 'acts_on = "static"', f'law = "scale * area * ({" + ".join(parts)})"']
+    lines += ['words = "resistive force theory of the foot"', 'source = "docs/rft.md"']
+    lines += ["", "[mechanism.rft_foot.let]", *(f'{n} = "{text}"' for n, text in parts.items())]
+    values = [("scale", "N/m^3", grains.scale), ("area", "m^2", found.area)]
+    for name, unit, value in [*values, *([("height", "m", height)] if height else [])]:
+        lines += ["", f"[mechanism.rft_foot.parameters.{name}]", f'unit = "{unit}"', f"start = {value!r}"]
+        lines += [f"range = [0.0, {20.0 * value!r}]"] if name == "scale" else []  # the others are the foot's own
+    return "\n".join(lines) + "\n"
+
+
+def plate_stress(grains: Grains, theta: float) -> float:
+    """sigma_z [N/m^3]: vertical stress per depth on a plate at theta [rad] to the horizontal that goes down, slowly.
+
+    On the mantle of a cone with this angle it is that of thesis eq. (27).
+    """
     corners = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [math.cos(theta), 0.5, math.sin(theta)]])
     slow = replace(grains, inertia=0.0, rise=0.0)
     p = push([corners - [0.0, 0.0, 1.0 + corners[:, 2].mean()]], (0.0, 0.0, -1.0), grains=slow)
@@ -166,7 +209,12 @@ def numbers(triangles: Array, found: pd.DataFrame, grains: Grains) -> FootNumber
     slope = float(level.Fz_N.iloc[-1] / level.depth_m.iloc[-1]) if len(level) else None
     extent = [float(x) for x in np.ptp(points, axis=0)]
     return FootNumbers(
-        len(triangles), extent, shadow, slope, slope / shadow if slope is not None else None, mantle(grains)
+        len(triangles),
+        extent,
+        shadow,
+        slope,
+        slope / shadow if slope is not None else None,
+        plate_stress(grains, math.pi / 3),
     )
 
 
