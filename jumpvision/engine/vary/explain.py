@@ -136,7 +136,7 @@ def scattered(problem: Problem, seen: Screen, base: Fit, least: float, rng: np.r
             {**problem.scattered, s.variable.name: s.value},
             problem.measured,
         )
-        fit = with_it.fit(base.mechanisms, base.named)
+        fit = with_it.fit(base.mechanisms, s.apart.named)  # about which the changes were fitted
         if fit is None:
             continue
         found = detect(with_it, fit, directions(with_it, fit), rng)
