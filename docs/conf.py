@@ -36,7 +36,7 @@ def _trees() -> str:
 
 
 def _read(app, docname, source) -> None:
-    """The index gets the parts; a link out of docs/ becomes its words, one that names its file the title of that page."""
+    """The index gets the parts; a link out of docs/ becomes its words, one that names its file a title."""
     text = re.sub(r"\[([^\]]+)\]\(\.\./[^)]*\)", r"\1", source[0])
     text = re.sub(r"\[(\w+\.md)\]\(\1\)", r"[](\1)", text)
     source[0] = text + (_trees() if docname == root_doc else "")
