@@ -1,59 +1,90 @@
-"""Every benchmark, with the peers beside ours in the same run: `python -m benchmarks.run` writes docs/benchmarks.md.
+"""Tables of docs/benchmarks.md made anew, peers beside ours in the same run: `python -m benchmarks.run [NAME ...]`.
 
-Needs `pip install -e '.[bench]'`; a peer that is not installed is left out and said so. About 20 minutes on two cores.
+Runs `benchmarks/NAME.py` and puts each table that it prints in the place of that with the same heading; a table that
+the page lacks comes at the end of its part. The words around the tables stay: read them again afterwards. Needs
+`pip install -e '.[bench]'`; a peer that is not installed is left out and said so. All: about 20 minutes on two cores.
 """
 
 from __future__ import annotations
 
-import os
-import platform
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PARTS = {
+PARTS = {  # module: heading of its part
     "pipeline": "Whole commands",
     "ball": "Ball tracker",
     "crater": "Laser line",
     "ball_films": "Ball tracker on whole films",
     "piv": "PIV",
+    "piv_sigma": "Sigma",
+    "piv_speed": "Speed",
+    "shear": "PIV: shear",
     "mei": "PIV: noise and resolution",
     "memory": "PIV memory",
     "hard": "Hard-ground jumper",
     "granular": "Granular jumper",
-    "laboratory": "Virtual laboratory",
     "dem": "Discs",
-    "closed_loop": "Closed loop: discs, film, analysis",
     "fuzz": "Damaged files",
-    "faults": "Faults",
+    "odd_files": "Odd files",
+    "symmetry": "Symmetries",
+    "mutations": "Tests that would notice",
     "campaign": "Campaigns",
-    "plan": "Motion planning",
     "diagnosis": "Diagnosis",
     "diagnosis_real": "Diagnosis of real recordings",
-    "flights": "Flights in tracks",
+    "decays": "Decay laws",
+    "clutter": "Tracks in clutter",
+    "clips": "Clips as teachers film them",
     "grain_films": "Grain films: bias and sigma of the cone",
+    "closed_loop": "Closed loop: front and cone of discs with friction",
+    "plan": "Planned jumps",
 }
+TABLE = re.compile(r"(?:^\|.*\n?)+", re.M)
+
+
+def heading(table: str) -> str:
+    return table.split("\n", 1)[0].strip()
+
+
+def renewed(part: str, printed: str) -> str:
+    """The text of a part with the printed tables in place of its own of the same heading; new ones at its end."""
+    made = {heading(t): t.strip() + "\n" for t in TABLE.findall(printed)}
+    there = [heading(t) for t in TABLE.findall(part)]
+    text = TABLE.sub(lambda m: made.get(heading(m[0]), m[0]), part)
+    new = [t for name, t in made.items() if name not in there]
+    return text.rstrip("\n") + "\n" + "".join(f"\n{t}" for t in new) if new else text
+
+
+def part_of(page: str, title: str) -> tuple[int, int]:
+    """Where the part of this heading begins and ends, its subparts apart."""
+    begin = re.search(rf"^##+ {re.escape(title)}\n", page, re.M)
+    if not begin:
+        raise SystemExit(f"docs/benchmarks.md: no part {title!r}")
+    end = re.search(r"^##+ ", page[begin.end() :], re.M)
+    return begin.end(), begin.end() + end.start() if end else len(page)
 
 
 def main(*names: str) -> None:
-    """Run the named parts (default: all) and write the page; a part that is not named keeps its old text."""
-    target = ROOT / "docs" / "benchmarks.md"
-    old = target.read_text(encoding="utf-8").split("\n## ") if target.exists() else []
-    kept = {text.split("\n", 1)[0]: text.split("\n", 1)[1].strip() for text in old[1:]}
-    for name, title in PARTS.items():
-        if names and name not in names:
-            continue
-        print(f"{title} ...", file=sys.stderr, flush=True)
+    """Run the named parts (default: all); one that fails keeps its tables."""
+    page = ROOT / "docs" / "benchmarks.md"
+    if unknown := set(names) - PARTS.keys():
+        raise SystemExit(f"{', '.join(sorted(unknown))}: not known; {', '.join(PARTS)} are")
+    failed = []
+    for name in names or PARTS:
+        print(f"{PARTS[name]} ...", file=sys.stderr, flush=True)
         done = subprocess.run([sys.executable, "-m", f"benchmarks.{name}"], cwd=ROOT, capture_output=True, text=True)
-        kept[title] = done.stdout.strip() if done.returncode == 0 else f"failed:\n\n```text\n{done.stderr[-2000:]}\n```"
-    head = (
-        "# Benchmarks\n\nWritten by `python -m benchmarks.run`. Times are of one machine "
-        f"({os.cpu_count()} cores, Python {platform.python_version()}) and vary by up to a factor of three there; the "
-        "ratios to the peers, run beside ours in the same process order, are the message.\n"
-    )
-    parts = [f"\n## {title}\n\n{kept[title]}\n" for title in PARTS.values() if title in kept]
-    target.write_text(head + "".join(parts), encoding="utf-8")
+        if done.returncode:
+            print(done.stderr[-2000:], file=sys.stderr)
+            failed.append(name)
+            continue
+        text = page.read_text(encoding="utf-8")
+        begin, end = part_of(text, PARTS[name])
+        new = renewed(text[begin:end].rstrip("\n") + "\n", done.stdout)
+        page.write_text((text[:begin] + new + "\n" + text[end:]).rstrip("\n") + "\n", encoding="utf-8")
+    if failed:
+        raise SystemExit(f"failed: {', '.join(failed)}")
 
 
 if __name__ == "__main__":

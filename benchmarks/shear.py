@@ -7,7 +7,7 @@
 Gaussian particles of 2.5 px (e^-2), the light of each pixel integrated by the error function, drawn in both frames at
 their exact places half a displacement before and behind mid-time; nothing is shared with the package or its tests.
 Noise in % of 255. A match was right where the raw vector is within three sigma (as the nearest measured vector states
-it, 0.1 px at least). Cover: errors within one sigma, unsmoothed and drawn vectors, of those measured.
+it, 0.1 px at least). Cover: errors within one sigma, unsmoothed and smoothed vectors, of those measured.
 """
 
 from __future__ import annotations
@@ -117,10 +117,10 @@ class Row(NamedTuple):
     replaced: int
     wrongly: int  # of those whose match was right
     uncovered: int  # of the replaced, beyond three of the stated sigma
-    before: float  # sums of squared errors [px^2] of the raw vectors, after replacement, drawn
+    before: float  # sums of squared errors [px^2] of the raw vectors, after replacement, smoothed
     after: float
     drawn: float
-    cover: tuple[int, int, int]  # u and v within one sigma, unsmoothed and drawn, and their number
+    cover: tuple[int, int, int]  # u and v within one sigma, unsmoothed and smoothed, and their number
     theirs: float  # mean square error of OpenPIV [px^2], NaN if not asked
     ours_there: float  # ours [px^2] further than half a window from the edge, as theirs
 
@@ -211,8 +211,8 @@ def line(name: str, rows: list[Row]) -> str:
 
 
 HEAD = (
-    "| case | replaced % | of right ones % | of the replaced beyond 3 sigma % | rms raw [px] | replaced | drawn | "
-    "covers unsmoothed % | drawn % | OpenPIV, rms | ours there | fails |\n" + "|---" * 12 + "|"
+    "| case | replaced % | of right ones % | of the replaced beyond 3 sigma % | rms raw [px] | replaced | smoothed | "
+    "covers unsmoothed % | smoothed % | OpenPIV, rms | ours there | fails |\n" + "|---" * 12 + "|"
 )
 
 
@@ -239,7 +239,7 @@ def main() -> None:
     for row in sorted(found, key=lambda r: r.endswith("|  |")):
         print(row)
     covers = np.array([[float(q) for q in r.split("|")[8:10]] for r in found])
-    for k, kind in enumerate(("unsmoothed", "drawn")):
+    for k, kind in enumerate(("unsmoothed", "smoothed")):
         of = covers[:, k]
         within = int(((of >= 64) & (of <= 72)).sum())
         print(f"\n{kind}: 64-72 % in {within} of {len(found)} rows, least {of.min():.0f}, greatest {of.max():.0f}")

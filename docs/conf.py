@@ -1,6 +1,10 @@
-"""The documentation as a site, without a network: `pip install '.[docs]'`, then `sphinx-build -W docs results/site`."""
+"""The documentation as a site, without a network: `pip install '.[docs]'`, then `sphinx-build -W docs results/site`.
+
+Its first page, results/site/index.html, is docs/README.md: where to begin, and which page answers what."""
 
 import re
+import shutil
+from pathlib import Path
 
 import jumpvision
 
@@ -22,6 +26,7 @@ root_doc = "README"
 myst_heading_anchors = 4
 html_theme = "furo"
 html_title = "jumpvision"
+html_show_copyright = False
 suppress_warnings = ["misc.highlighting_failure"]  # signatures are not whole statements
 
 
@@ -31,11 +36,19 @@ def _trees() -> str:
 
 
 def _read(app, docname, source) -> None:
-    """The index gets the parts; a link to a file beside docs/ becomes its name."""
+    """The index gets the parts; a link out of docs/ becomes its words, one that names its file a title."""
     text = re.sub(r"\[([^\]]+)\]\(\.\./[^)]*\)", r"\1", source[0])
+    text = re.sub(r"\[(\w+\.md)\]\(\1\)", r"[](\1)", text)
     source[0] = text + (_trees() if docname == root_doc else "")
+
+
+def _index(app, exception) -> None:
+    """The first page under the name that a browser and a web server look for."""
+    if exception is None and app.builder.name == "html":
+        shutil.copyfile(Path(app.outdir) / f"{root_doc}.html", Path(app.outdir) / "index.html")
 
 
 def setup(app) -> None:
     """Called by Sphinx."""
     app.connect("source-read", _read)
+    app.connect("build-finished", _index)

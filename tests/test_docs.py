@@ -396,14 +396,35 @@ def test_what_is_public_is_little_and_each_name_is_told():
         assert f"### {name}\n" in page, name
 
 
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The built site: every link leads somewhere, every page is in the tree, no warning; no network is asked."""
+    for package in ("sphinx", "myst_parser", "furo"):
+        pytest.importorskip(package)
+    folder = tmp_path_factory.mktemp("site")
+    subprocess.run([sys.executable, "-m", "sphinx", "-q", "-E", "-W", str(DOCS), str(folder)], check=True)
+    return folder
+
+
 @pytest.mark.long
-def test_the_site_builds_without_a_warning(tmp_path):
-    """Every link leads somewhere, every page is in the tree; no network is asked."""
-    pytest.importorskip("sphinx")
-    pytest.importorskip("myst_parser")
-    pytest.importorskip("furo")
-    subprocess.run([sys.executable, "-m", "sphinx", "-q", "-E", "-W", str(DOCS), str(tmp_path)], check=True)
-    assert "Velocity fields of any flow" in (tmp_path / "velocity_fields.html").read_text(encoding="utf-8")
+def test_the_site_begins_with_which_page_do_i_need(site):
+    first = (site / "index.html").read_text(encoding="utf-8")
+    assert "Which page do I need?" in first and "search.html" in first
+    for page in DOCS.glob("*.md"):
+        assert (site / f"{page.stem}.html").exists()
+        assert page.stem == "README" or f'href="{page.stem}.html' in first, page.stem
+
+
+@pytest.mark.long
+def test_the_site_is_searched_from_its_first_page(site, browser):
+    """Opened from the disk, without a server."""
+    page = browser.new_page()
+    page.goto((site / "index.html").as_uri())
+    page.fill("input[name=q]", "vorticity")
+    page.press("input[name=q]", "Enter")
+    page.wait_for_selector("#search-results li a[href^='velocity_fields.html']", timeout=10_000)
+    assert "found" in page.inner_text("#search-results")
+    page.close()
 
 
 def test_every_figure_of_the_thesis_stands_with_a_command_that_is_known():
