@@ -96,8 +96,8 @@ def directions(problem: Problem, fit: Fit, among: Sequence[str] | None = None) -
             length = float(np.linalg.norm(column))
             rest = span.off(column)
             left = float(np.linalg.norm(rest))
-            # less of a sensitivity beside the fitted parameters is rounding
-            if length > 0 and left > 1e-6 * length:
+            # less of a sensitivity beside the fitted parameters is rounding; a motion that runs away tells nothing
+            if length > 0 and math.isfinite(left) and left > 1e-6 * length and strength / left:
                 out.append(Direction(name, shape, rest / left, strength / left, left / length, column / left))
         return out
 
