@@ -15,7 +15,7 @@ from scipy import stats
 from benchmarks.laboratories.__main__ import asked
 from benchmarks.laboratories.judge import answer_of, outcome
 from benchmarks.laboratories.truths import truth
-from benchmarks.laboratories.worlds import made
+from benchmarks.laboratories.worlds import MS10, made
 from jumpvision.cli import main
 from jumpvision.engine.document.values import Pattern as Kind
 from jumpvision.engine.fitting import Fit
@@ -25,6 +25,8 @@ from jumpvision.engine.vary.apart import Apart
 from jumpvision.engine.vary.candidates import candidate
 from jumpvision.engine.vary.patterns import WIDTHS, Pattern, patterns, scatter, weigh
 from jumpvision.engine.vary.variables import LOST, OFFSET, RATE, SCALE, Variable, shown
+from jumpvision.jumper.question.jumper import Jumper
+from jumpvision.jumper.question.learning import learn_noise
 
 N = 20
 SAMPLES = Path(__file__).parents[1] / "data_samples"
@@ -205,3 +207,16 @@ def test_what_recordings_could_tell_is_said_before_they_are_made(capsys):
     twins = rows["drift of clock_offset"]["cannot be told from"]  # a clock that is late by more and more also runs slow
     assert "drift of clock_rate" in twins
     assert not any("nan" in text for row in said["isolable"] for text in row.values())
+
+
+@pytest.mark.long
+def test_the_scatter_that_repeats_tell_is_that_of_one_trial():
+    """Of the start, twelve pairs of trials in each of five campaigns: 60 differences, 9 %; a difference of two trials
+    scatters by sqrt(2) of it."""
+    found = []
+    for seed in range(6401, 6406):
+        t = truth(150, seed)
+        task = made(t, seed).task
+        learned = learn_noise(Jumper(task.jumps, task.ranges, task.priors, workers=1))
+        found.append(learned.scatter["start"] / (t.scatter * MS10 * np.std(t.changes["start"])))
+    assert abs(np.sqrt(np.mean(np.square(found))) - 1.0) < 3 * 0.09

@@ -145,10 +145,10 @@ def differences(system: Jumper, factors: Sequence[Array]) -> list[Stretch]:
             good = np.isfinite(apart) & (first.t < first.stop + 0.05)
             if good.sum() < 12:  # samples of two trials
                 continue
-            t, typical = first.t[good], math.sqrt(1.0 + 1.0 / k)
+            t = first.t[good]
             effects = [system.height(first, t, (), {**start, n: h}) for n, h in STEPS.items()]
             at = system.height(first, t, (), start)
-            columns = [(e - at) / h / typical for e, h in zip(effects, STEPS.values())]
+            columns = [(e - at) / h for e, h in zip(effects, STEPS.values())]
             usable = columns[: 2 if first.model.ground == "granular" else 1]
             design = np.column_stack([np.ones(t.size), *(np.nan_to_num(c) for c in usable)])
             out.append(Stretch(t, apart[good], design, spread[good], trials[k]))
