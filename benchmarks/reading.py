@@ -69,9 +69,9 @@ def main(*files: str) -> None:
         for value, name in sorted((of_guide(n), n) for n in GUIDES):
             print(f"| {name} | {value:.0f} |")
     for file in files:
-        text = Path(file).read_text(encoding="utf-8")
-        print(f"\n{file}: {ease(text):.0f}\n")
-        for value, s in sorted((ease(s), " ".join(s.split())) for s in sentences(text))[:12]:
+        text, cells = Path(file).read_text(encoding="utf-8"), file.removesuffix(".md") in ALONE
+        print(f"\n{file}: {ease(text, cells):.0f}\n")
+        for value, s in sorted((ease(s), " ".join(s.split())) for s in sentences(text, cells))[:12]:
             print(f"{value:6.0f}  {s}")
 
 
