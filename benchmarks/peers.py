@@ -58,12 +58,6 @@ class Case:
     others: Mapping[str, Predict] = field(default_factory=dict)
 
 
-def simulated(study: jv.Study, p: Mapping[str, float], r: jv.Recording) -> Array:
-    """(n, channels) of a study's function, causes absent where p has them not."""
-    absent = {q.name: m.null if k == 0 else q.start for m in study.mechanisms for k, q in enumerate(m.parameters)}
-    return r.of_channels(study.simulate({**absent, **p}, r), study.channels)
-
-
 def measured(study: jv.Study, r: jv.Recording) -> Array:
     return r.of_channels(r.values, study.channels)
 
@@ -75,7 +69,7 @@ def by_scipy(case: Case, causes: Sequence[str] = ()) -> tuple[Predict, dict[str,
 
     def residual(x: Array) -> Array:
         p = dict(zip([q.name for q in free], x))
-        off = [((simulated(study, p, r) - measured(study, r)) / noise).ravel() for r in case.given]
+        off = [((study.predict(p, r) - measured(study, r)) / noise).ravel() for r in case.given]
         return np.nan_to_num(np.concatenate(off), nan=1e6, posinf=1e6, neginf=-1e6)
 
     ends = [q.free() for q in free]
@@ -84,7 +78,7 @@ def by_scipy(case: Case, causes: Sequence[str] = ()) -> tuple[Predict, dict[str,
         residual, first, x_scale=[q.scale for q in ends], bounds=([q.low for q in ends], [q.high for q in ends])
     )
     p = dict(zip([q.name for q in free], found.x.tolist()))
-    return (lambda r: simulated(study, p, r)), p
+    return (lambda r: study.predict(p, r)), p
 
 
 def by_diagnosis(case: Case) -> tuple[Predict, str, Sequence[str]]:
@@ -95,7 +89,7 @@ def by_diagnosis(case: Case) -> tuple[Predict, str, Sequence[str]]:
     p = {n: x.value for n, x in best.items()}
     near = tuple(d.closest.mechanisms) if d.closest else ()
     words = " + ".join(d.named) or f"nothing ({d.status}), closest {' + '.join(near)}"
-    return (lambda r: simulated(study, p, r)), words, d.named or near
+    return (lambda r: study.predict(p, r)), words, d.named or near
 
 
 def by_process(case: Case) -> Predict:

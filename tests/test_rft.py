@@ -299,7 +299,7 @@ def test_simulate_sweep_and_plan_take_any_foot(tmp_path):
     assert (tmp_path / "s" / "simulation.csv").exists()
 
 
-def test_k2_foretold_from_published_stresses():
+def test_k2_predicted_from_published_stresses():
     """By hand from Li's coefficients at 60 degrees: (0.206 - 0.169/2 - 0.212/2 + 0.358 - 0.055/2) / cos 60 = 0.692."""
     shares = mantle_shares()
     assert shares["Li et al. 2013"][1] == pytest.approx(0.692, abs=1e-6)

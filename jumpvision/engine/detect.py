@@ -97,7 +97,7 @@ def directions(problem: Problem, fit: Fit, among: Sequence[str] | None = None) -
             rest = span.off(column)
             left = float(np.linalg.norm(rest))
             # less of a sensitivity beside the fitted parameters is rounding; a motion that runs away tells nothing
-            if length > 0 and math.isfinite(left) and left > 1e-6 * length and strength / left:
+            if length > 0 and math.isfinite(left) and left > 1e-6 * length and strength / left != 0.0:
                 out.append(Direction(name, shape, rest / left, strength / left, left / length, column / left))
         return out
 

@@ -14,13 +14,14 @@ from .detect import Detection, Span
 from .document.values import Status
 from .fitting import Fit, Problem
 from .search import Enough, Key, Search, Start, limits, log_prior
+from .system import by_condition
 
 CONFIDENCE = 0.9  # of the set of models that is kept
 # Of what a mechanism alone explains: more may not be left where it is named though misfit is left. Substitutes left 3 %
 # and more in the laboratory's campaigns with effects outside the vocabulary (`benchmarks.diagnosis --outside`).
 ESTABLISHED = 0.03
 SHARE = 1 / 3  # of a named effect: a mechanism that may make so much of it is declared beside it
-OWN = 3.0  # standard uncertainties
+CLEAR = 3.0  # standard uncertainties that a pattern's own coefficients must be off, beside a common value
 TWIN = 50.0  # of chi^2: what an exchange would cost, linear, is judged by a fit if it is less
 PRIORS = (1 / 3, 1.0, 3.0)  # factors on the ranges of all strengths, for the sensitivity of the probabilities
 
@@ -143,13 +144,13 @@ def likelier(search: Search) -> list[Key]:
 
 
 def has_own(problem: Problem, fit: Fit) -> bool:
-    """Whether what makes each mechanism of a fit more than a simpler cause is off by OWN standard uncertainties."""
+    """Whether what makes each mechanism of a fit more than a simpler cause is off by CLEAR standard uncertainties."""
     names = [p.name for p in fit.parameters]
     for m in fit.mechanisms:
         if own := problem.system.candidates[m].own:
             at = [names.index(n) for n in own]
             x = fit.values[at]
-            if float(x @ np.linalg.solve(fit.covariance[np.ix_(at, at)], x)) < OWN**2:
+            if float(x @ np.linalg.solve(fit.covariance[np.ix_(at, at)], x)) < CLEAR**2:
                 return False
     return True
 
@@ -261,10 +262,7 @@ def held_out_score(problem: Problem, fit: Fit) -> float:
     wide = np.array([12.0 / (p.high - p.low) ** 2 for p in fit.parameters])
     hessian = sum((j.T @ j for j in fit.jacobian), fit.known.precision + np.diag(wide) if n else np.zeros((0, 0)))
     total = 0.0
-    conditions: dict[str, list[int]] = {}
-    for i, o in enumerate(problem.system.observations):
-        conditions.setdefault(o.condition, []).append(i)
-    for held in conditions.values():
+    for held in by_condition(problem.system.observations):
         r = np.concatenate([fit.residuals[i] for i in held])
         j = np.vstack([fit.jacobian[i] for i in held])
         rest = hessian - j.T @ j + 1e-12 * np.diag(np.diag(hessian)) if n else hessian

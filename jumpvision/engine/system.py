@@ -150,6 +150,14 @@ class Observation:
         return self.t.size - sum(math.isinf(b.zero) for b in self.blocks) if self.blocks else self.t.size - 1
 
 
+def by_condition(observations: Sequence[Observation]) -> list[list[int]]:
+    """Places of the observations of each condition."""
+    out: dict[str, list[int]] = {}
+    for i, o in enumerate(observations):
+        out.setdefault(o.condition, []).append(i)
+    return list(out.values())
+
+
 class System(Protocol):
     """Motions, the baseline's free parameters and the vocabulary of mechanisms."""
 

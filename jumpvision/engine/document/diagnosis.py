@@ -188,7 +188,7 @@ class Diagnosis(Record):
             return agrees + (f"; it would have shown with 90 % power from {shown}." if shown else ".")
         if tried is None:
             known = ", ".join(c.mechanism for c in self.causes)
-            return f"{what}: no model with it has a probability worth telling; told are {known or 'none'}."
+            return f"{what}: no model with it is likely enough for the list; it has {known or 'none'}."
         beside = f" beside {' and '.join(lacks.get(m, m) for m in tried.others)}" if tried.others else ""
         text = f"{what}: {'named' if mechanism in self.named else 'not named'}, probability {said(tried.probability)}; "
         text += f"{tried.words or 'no parameter of its own'}{beside}; "
@@ -201,17 +201,17 @@ class Diagnosis(Record):
         lines += [f"  {chance(c.probability)}  {' + '.join(c.mechanisms)}: {c.words}" for c in self.models[:6]]
         if self.fitted and not self.adequate:
             lines += [f"  {n} = {p}" for n, p in self.fitted.items()][:12]
-        lines += self._foretold
+        lines += self._predicting
         return "\n".join([lines[0], *(x if len(x) <= WIDE else x[: WIDE - 3] + "..." for x in lines[1:])])
 
     @property
-    def _foretold(self) -> list[str]:
+    def _predicting(self) -> list[str]:
         """In words what predicts new recordings, where it is not what is named."""
         best = self.prediction
         if best is None or set(best.mechanisms) == set(self.named) or self.discovered:
             return []
         model = f"the model with {' + '.join(best.mechanisms)}" if best.mechanisms else "the model as it is"
-        by = f": the error on recordings held out falls {times(best.ratio, '.1f')}" if best.ratio > 1.05 else ""
+        by = f": the error on recordings held out falls {times(best.ratio, '.1f')}" if best.mechanisms else ""
         return [f"  to predict new recordings, not as a cause: {model}{by} (.prediction)"]
 
     def _repr_html_(self) -> str:

@@ -8,11 +8,11 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 import numpy as np
 
 from jumpvision.base.arrays import Z90, Array
+from jumpvision.engine.naming import CLEAR
 from jumpvision.engine.order import Findings
 from jumpvision.engine.system import Observation
 from jumpvision.engine.vary.explain import Varied
 from jumpvision.engine.vary.patterns import Pattern, Scatter
-from jumpvision.engine.vary.screen import CLEAR
 from jumpvision.engine.vary.variables import Variable
 
 from . import values as record

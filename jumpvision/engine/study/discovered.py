@@ -41,10 +41,10 @@ class StudyForms:
 
 def with_fit(law: Law, fit: Fit) -> Law:
     """A law with another covariance of its parameters."""
-    own = {p.name: p for p in law.system.candidates[fit.mechanisms[-1]].parameters}
+    own = law.system.candidates[fit.mechanisms[-1]].parameters  # in the order of `estimates`
     wider = {
-        short: dataclasses.replace(e, sigma=fit.sigma(name))
-        for (short, e), name in zip(law.described.parameters.items(), own)
+        short: dataclasses.replace(e, sigma=fit.sigma(p.name))
+        for (short, e), p in zip(law.described.parameters.items(), own)
     }
     return dataclasses.replace(law, fit=fit, described=dataclasses.replace(law.described, parameters=wider))
 

@@ -16,6 +16,8 @@ from .question import problem_of, recordings_problems, studied
 from .runs import Runs
 from .study import Recording, Study
 
+REMEDY = " (other inputs, another channel)"
+
 
 def isolable(recordings: Sequence[Recording], study: Study, how: How | None = None) -> Isolable:
     """Linear about the study as it begins, its causes absent. Values may be NaN: then the noise must be stated. Raises
@@ -29,9 +31,6 @@ def isolable(recordings: Sequence[Recording], study: Study, how: How | None = No
         return Isolable(causes_shown(problem_of(studied(study, planned, runs))), len(planned), remedy=REMEDY)
     finally:
         runs.close()
-
-
-REMEDY = " (other inputs, another channel)"
 
 
 def _filled(r: Recording, study: Study) -> Recording:

@@ -91,8 +91,8 @@ def diagnose(recordings: Sequence[Recording], study: Study | None, how: How | No
         stated = found.law.system if found.law else asked
         assert isinstance(stated, Studied)
         doubts = (*asked.probed.doubts, *ridges, *apart)
-        foretold = None if stopped else _prediction(found, asked)
-        data = document(found, StudySpeaker(stated, alone, doubts, shown, foretold), stopped)
+        prediction = None if stopped else _prediction(found, asked)
+        data = document(found, StudySpeaker(stated, alone, doubts, shown, prediction), stopped)
         object.__setattr__(data, "traces", traces(found, stated))
         return data
     finally:

@@ -30,6 +30,7 @@ from jumpvision.engine.system import Parameter as Free
 if TYPE_CHECKING:
     import pandas as pd
 
+    from jumpvision.engine.document.values import Prediction
     from jumpvision.engine.laws.expression import Expression
 
     from .forms import Form
@@ -419,16 +420,28 @@ class Study:
 
         return given, recording, force
 
-    def predict(self, parameters: Mapping[str, Any], recording: Recording) -> Array:
-        """(n, channels) the simulator's outputs with some parameters (numbers, or as in `fitted`); the others as the
-        study begins with them, causes absent where they are not given."""
-        given = {q.name: float(q.start(recording) if callable(q.start) else q.start) for q in self.parameters}
+    @property
+    def first(self) -> dict[str, float]:
+        """What the simulator is given before any fit, mechanisms at what makes them absent; without what each recording
+        has for itself."""
+        out = {p.name: float(p.start) for p in self.parameters if not p.each and not callable(p.start)}
         for m in self.mechanisms:
-            given |= {q.name: float(m.null if k == 0 else q.free().start) for k, q in enumerate(m.parameters)}
-        given |= {n: float(getattr(x, "value", x)) for n, x in parameters.items()}
+            for k, p in enumerate(m.parameters):
+                absent = k == 0 and m.function is None
+                out[p.name] = m.null if absent else p.free().start
+        return out
+
+    def predict(self, model: Prediction | Mapping[str, Any], recording: Recording) -> Array:
+        """(n, channels) the simulator's outputs with `found.prediction`, or with some parameters (numbers, or as in
+        `found.fitted`); what is not given is as in `first`."""
+        parameters, mechanisms = (model, ()) if isinstance(model, Mapping) else (model.parameters, model.mechanisms)
+        other = [m.function for m in self.mechanisms if m.function is not None and m.name in mechanisms]
+        simulate = other[0] if other else self.simulate
+        own = {p.name: p.start(recording) if callable(p.start) else p.start for p in self.parameters if p.each}
+        given: dict[str, Any] = {**self.first, **own, **{n: getattr(x, "value", x) for n, x in parameters.items()}}
         if self.batch:
-            return recording.of_channels(next(iter(self.simulate([given], [recording]))), self.channels)
-        return recording.of_channels(self.simulate(*self.arguments(given, recording)), self.channels)
+            return recording.of_channels(next(iter(simulate([given], [recording]))), self.channels)
+        return recording.of_channels(simulate(*self.arguments(given, recording)), self.channels)
 
     @functools.cached_property
     def forms(self) -> tuple[tuple[Form, Mechanism], ...]:

@@ -76,7 +76,7 @@ class Studied:
         self.candidates = {n: self._candidate(m, frame) for n, m in self.mechanisms.items()}
         self.inputs = factors_of(self.recordings)
         # of the simulator's parameters, mechanisms absent; inputs as they are given
-        self.rest = {**self._rest(), **dict.fromkeys(self.inputs, 1.0)}
+        self.rest = {**study.first, **dict.fromkeys(self.inputs, 1.0)}
         self.names = [*self.rest, *(p.name for p in self.each)]
         free = [*self.baseline, *(p for c in self.candidates.values() for p in c.parameters)]
         self.tops, self.bottoms = {p.name: p.high for p in free}, {p.name: p.low for p in free}
@@ -140,15 +140,6 @@ class Studied:
         each = [r.of_channels(r.values, self.study.channels)[:, channel] for r in self.recordings]
         reach = float(np.median([np.ptp(y[np.isfinite(y)]) for y in each if np.isfinite(y).any()])) or 1.0
         return dataclasses.replace(p, low=p.low * reach, high=p.high * reach, scale=p.scale * reach)
-
-    def _rest(self) -> dict[str, float]:
-        """Every parameter that the simulator is given, mechanisms at what makes them absent."""
-        out = {p.name: float(p.start) for p in self.study.parameters if not p.each and not callable(p.start)}
-        for m in self.study.mechanisms:
-            for k, p in enumerate(m.parameters):
-                absent = k == 0 and m.function is None
-                out[p.name] = m.null if absent else p.free().start
-        return out
 
     def _observation(self, i: int) -> Observation:
         r, channels = self.recordings[i], self.study.channels

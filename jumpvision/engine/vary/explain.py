@@ -31,7 +31,7 @@ from .screen import Screen, screen
 from .variables import Varying
 
 WORTH = 5.0  # nats that a pattern, or scatter, must gain over nothing before it is looked at
-SHIFTED = 4.0  # standard uncertainties by which the common value of what scatters may differ from the declared one
+SHIFTED = 4.0  # standard uncertainties of the common value of what scatters: further from the declared one is no chance
 SECOND = 8.0  # the same, where mechanisms were tried already
 
 

@@ -10,6 +10,7 @@ from functools import partial
 import scipy
 
 from jumpvision.engine.fitting import Fit, Problem
+from jumpvision.engine.naming import CLEAR
 from jumpvision.engine.system import Costly
 
 from .apart import MUCH, Apart, apart, linear, lost_frames, variables
@@ -21,7 +22,6 @@ FULL = 6  # numbers whose values are fitted in full: those that take most from c
 DEAR = 2  # the same where runs are dear, and patterns that are tried there
 KEPT, CLOSE = 4, 12.0  # patterns that are tried beside mechanisms; nats behind the best up to which they are
 BEHIND, FAR = 4.0, 100.0  # excesses of chi^2 of the best, and chi^2, behind it up to which a number is looked at
-CLEAR = 3.0  # standard uncertainties that a pattern's own coefficients must be off, beside a common value
 KINDS = 5  # of patterns, each as likely before
 
 

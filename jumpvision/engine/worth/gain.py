@@ -16,14 +16,14 @@ from jumpvision.base.arrays import Array
 from jumpvision.engine.detect import detect, directions
 from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.search import Search, log_prior
-from jumpvision.engine.system import Observation, Part
+from jumpvision.engine.system import Observation, Part, by_condition
 
 if TYPE_CHECKING:
     from jumpvision.engine.naming import Explanation
 
 FOLDS = 4
 FEW_LAPS = 2  # of the fit of a fold, from that of all recordings
-LEVEL = 1.05  # errors that are as good
+LEVEL = 1.05  # errors that are as good: noise makes so much of an rms of 200 independent readings
 PARTS = 4  # at least: fewer conditions than these are held out in pieces
 FEW_GROUPS = 3  # groups below which an interval is not stated
 
@@ -277,12 +277,10 @@ def held_out_error(problem: Problem, fit: Fit) -> Array:
 
 def _parts(problem: Problem, fit: Fit) -> list[list[tuple[Array, Array]]]:
     """Residuals and derivatives by part."""
-    conditions: dict[str, list[int]] = {}
-    for i, o in enumerate(problem.system.observations):
-        conditions.setdefault(o.condition, []).append(i)
+    conditions = by_condition(problem.system.observations)
     pieces = -(-PARTS // len(conditions))
     out = []
-    for held in conditions.values():
+    for held in conditions:
         cut = [(np.array_split(fit.residuals[i], pieces), np.array_split(fit.jacobian[i], pieces)) for i in held]
         out += [[(r[k], j[k]) for r, j in cut] for k in range(pieces)]
     return out

@@ -44,7 +44,7 @@ def isolable(campaign: Campaign, workers: int = 1) -> Isolable:
             left_out.append(f"{e.name}: {x.problems[0]}")
     if not jumps:
         raise InputError(
-            [f"{campaign.path}: no experiment with [robot] and [actuation] to foretell; {'; '.join(left_out)}"]
+            [f"{campaign.path}: no experiment with [robot] and [actuation] to predict; {'; '.join(left_out)}"]
         )
     first = next(e for e in asked if e.name == jumps[0].name)
     spec, robot = spec_of(first), first.required(Robot)

@@ -299,7 +299,7 @@ def packing(data: xr.Dataset, Figure: NewFigure) -> Figure:
 
 @figure_of(mantle.mantle_resistance)
 def mantle_resistance(data: xr.Dataset, Figure: NewFigure) -> Figure:
-    """k_1, k_2 and the foretold k_2 per foot area against packing, and a single jump with each."""
+    """k_1, k_2 and the predicted k_2 per foot area against packing, and a single jump with each."""
     figure = Figure(figsize=(9.6, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2)
     shown = (left, data.k2_per_area * 1e-6), (right, data.jump_height_m * 1e3)

@@ -135,7 +135,7 @@ def animals(data: xr.Dataset, Figure: NewFigure) -> Figure:
         ylabel="height / length",
         xscale="log",
         yscale="log",
-        xlim=(0.25 * float(data.length[0]), None),  # room for the names of the smallest
+        xlim=(0.15 * float(data.length[0]), None),  # room for the names of the smallest
     )
     left.legend()
     right.plot(data.length, data.alpha, color=QUIET)

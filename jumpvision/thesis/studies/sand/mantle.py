@@ -1,4 +1,4 @@
-"""k_2 of a grown cone foretold from published stresses on its mantle, with their spread (thesis Figs 48b, 55)."""
+"""k_2 of a grown cone predicted from published stresses on its mantle, with their spread (thesis Figs 48b, 55)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ENDS = ("own", "least", "mean", "greatest")
 
 
 @dataclass(frozen=True)
-class Foretold:
+class Predicted:
     """Least, mean and greatest k_2 / k_1 of the published stresses."""
 
     least: float
@@ -55,7 +55,7 @@ def mantle_shares() -> dict[str, Array]:
 
 @study("mantle", "granular", source="Fig 48(b)", ranges={"phi": lambda s: packings(s, 13)}, needs_laws=True)
 def mantle_resistance(s: Sweep) -> Found:
-    """k_2 against packing beside that foretold from k_1 and published stresses on the cone's mantle, their spread."""
+    """k_2 against packing beside that predicted from k_1 and published stresses on the cone's mantle, their spread."""
     laws, radius = s.setup.laws, s.setup.model.foot_radius
     lacking = [n for n in ("k1", "k2") if laws is None or n not in laws.laws]
     if laws is None or radius is None or lacking:
@@ -65,7 +65,7 @@ def mantle_resistance(s: Sweep) -> Found:
     own = laws.points(phi, radius)
     shares = mantle_shares()
     every = np.concatenate(list(shares.values()))
-    told = Foretold(float(every.min()), float(np.mean([x.mean() for x in shares.values()])), float(every.max()))
+    told = Predicted(float(every.min()), float(np.mean([x.mean() for x in shares.values()])), float(every.max()))
     k1, k2 = own["model.k1"], own["model.k2"]
     with_k2 = {"own": k2} | {n: getattr(told, n) * k1 for n in ENDS[1:]}
     scaled = (laws.foot_radius / radius) ** 2 if laws.foot_radius else 1.0
@@ -88,9 +88,9 @@ def mantle_resistance(s: Sweep) -> Found:
     ]
     where = f"phi {phi[0]:.3f} and {phi[-1]:.3f}"
     rows += [
-        s.number(f"k_2 over the foretold one at {where}", f"{ratio[0]:.2f}, {ratio[-1]:.2f}", "1 at low and high phi"),
+        s.number(f"k_2 over the predicted one at {where}", f"{ratio[0]:.2f}, {ratio[-1]:.2f}", "1 at low and high phi"),
         s.number(
-            f"single at {FREQUENCY:g} Hz, {where}: own k_2; least to greatest of the foretold",
+            f"single at {FREQUENCY:g} Hz, {where}: own k_2; least to greatest of the predicted",
             "; ".join(f"{h[0]:.1f}, {h[1]:.1f} to {h[3]:.1f} mm" for h in high[:, [0, -1]].T),
         ),
     ]
