@@ -113,6 +113,7 @@ class Order:
     choose: Choose | None = None
     say: Say = silent
     reached: Callable[[Findings], None] = silent
+    scatters: bool = False  # a number scatters in the problem already: no other is sought
 
     @functools.cached_property
     def _laws(self) -> Laws | None:
@@ -145,7 +146,7 @@ class Order:
         self.reached(d)
         tried = len(self.problem.system.candidates)
         self.say(f"discrepant (p = {d.detection.p_value:.2g}): asking which numbers vary")
-        if self._may_vary and any(self.problem.scattered.values()):
+        if self._may_vary and not self.scatters and any(self.problem.scattered.values()):
             from .vary import explain
 
             if (s := explain.in_full(self.problem, d.baseline, np.random.default_rng(VARY_SEED))) is not None:
@@ -210,8 +211,11 @@ class Order:
         assert naming is not None
         complete = naming.status == Status.COMPLETE
         gained = explain.gained(problem, naming.best.fit, d.baseline) if complete else 0.0
-        if (s := explain.scattered(self.problem, wide.screen, d.baseline, gained, rng)) is not None:
+        s = None if self.scatters else explain.scattered(problem, wide.screen, d.baseline, gained, rng)
+        if s is not None and not s.detection.discrepant:
             return self._scattering(d, s)
+        if s is not None and not complete and (more := self._about_scatter(d, s)) is not None:
+            return more
         if complete or wide.odd is None:
             return replace(found, varies=explain.named(problem, naming))
         return self._without(d, wide.odd)
@@ -223,6 +227,21 @@ class Order:
 
         said = Varies(scatter=s.scatter)
         return replace(d, baseline=s.baseline, detection=s.detection, varies=said, problem=s.problem)
+
+    def _about_scatter(self, d: Findings, s: Scattered) -> Findings | None:
+        """What is found beside a number that scatters, where that is not all; None where neither explains the rest and
+        chance does not either."""
+        from .vary.explain import Varies, only
+
+        problem = only(s.problem, ())
+        self.say(f"{s.scatter.variable.name} scatters, and that is not all: asking what else there is")
+        order = replace(self, problem=problem, laws=None, shapes=None, scatters=True)
+        found = order.explain(replace(d, baseline=s.baseline, detection=s.detection))
+        complete = found.naming is not None and found.naming.status == Status.COMPLETE
+        if not complete and not (found.varies and found.varies.aside) and s.detection.p_value < SURE:
+            return None
+        varies = replace(found.varies or Varies(), scatter=s.scatter)
+        return replace(found, varies=varies, problem=found.problem or problem)
 
     def _without(self, d: Findings, odd: Odd) -> Findings:
         """What is found where a few recordings are set aside; causes that all others show beside it."""
@@ -296,7 +315,30 @@ class Order:
             first = about is naming.best.fit
             if more.naming.status == Status.COMPLETE or (first and more.naming.status == Status.PARTIAL):
                 return order, replace(more, varies=explain.named(order.problem, more.naming))
+            if first and (scatters := self._scatter_beside(found, wide)) is not None:
+                return scatters
         return self, found
+
+    def _scatter_beside(self, found: Findings, wide: Wider) -> tuple[Order, Findings] | None:
+        """What is named with a number that scatters about it, where both are all; wide: about what is named."""
+        from .vary.explain import SECOND, named, scattered
+
+        naming, rng = found.naming, np.random.default_rng(VARY_SEED)
+        assert naming is not None
+        if self.scatters or not naming.named:
+            return None
+        s = scattered(self.problem, wide.screen, naming.best.fit, SECOND, rng)
+        base = None if s is None or s.detection.discrepant else s.problem.fit((), found.baseline.named)
+        if s is None or base is None:
+            return None
+        order = replace(self, problem=s.problem, scatters=True)
+        seen = detect(s.problem, base, directions(s.problem, base), rng)
+        if not seen.discrepant:
+            return None
+        more = order.name(replace(found, baseline=base, detection=seen, naming=None, problem=s.problem), s.baseline)
+        if more.naming is None or more.naming.status != Status.COMPLETE:
+            return None
+        return order, replace(more, varies=replace(named(s.problem, more.naming), scatter=s.scatter))
 
     def _abouts(self, naming: Naming, wide: Wider) -> list[Fit]:
         """The fit of what is named; where nothing is also those of the likeliest single mechanisms, whose place others
@@ -366,6 +408,10 @@ class Order:
             from .vary.explain import only
 
             problem = only(problem, d.naming.named if d.naming else ())
+        if d.varies and d.varies.scatter:
+            from .vary.explain import at_common
+
+            problem = at_common(problem)
         if d.law is None:
             begin: Begin = fit_baseline
             choose = self.choose

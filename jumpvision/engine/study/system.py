@@ -242,6 +242,12 @@ class Studied:
         out.scattering = (*self.scattering, name)
         return out._anew()
 
+    def at_common(self) -> Self:
+        """The same recordings with one value for all of what scatters."""
+        out = copy.copy(self)
+        out.always = {}
+        return out._anew()
+
     def _anew(self) -> Self:
         """With no memory of where predictions ended; the runs are kept."""
         self.settled, self.starts = {}, {}

@@ -122,27 +122,24 @@ class Scattered:
 
 
 def scattered(problem: Problem, seen: Screen, base: Fit, least: float, rng: np.random.Generator) -> Scattered | None:
-    """The likeliest scatter where it gains more than `least` nats, and the model is adequate with it."""
-    for s in seen.scatters[:1]:
-        s = replace(s, gained=s.log_evidence - seen.log_price + 0.5 * seen.base)
-        # about another value than the declared one: then that value is a cause, beside which it may scatter
-        if s.gained <= max(least, WORTH) or abs(s.shift) > SHIFTED:
-            continue
-        system = problem.system
-        assert isinstance(system, Varying)
-        with_it = Problem(
-            system.scattered(s.variable.name, s.apart.change),
-            problem.noise,
-            {**problem.scattered, s.variable.name: s.value},
-            problem.measured,
-        )
-        fit = with_it.fit(base.mechanisms, s.apart.named)  # about which the changes were fitted
-        if fit is None:
-            continue
-        found = detect(with_it, fit, directions(with_it, fit), rng)
-        if not found.discrepant:
-            return Scattered(with_it, fit, found, s)
-    return None
+    """The likeliest scatter where it gains more than `least` nats; its test says whether the model is adequate then."""
+    if not seen.scatters:
+        return None
+    s = seen.scatters[0]
+    s = replace(s, gained=s.log_evidence - seen.log_price + 0.5 * seen.base)
+    # about another value than the declared one: then that value is a cause, beside which it may scatter
+    if s.gained <= max(least, WORTH) or abs(s.shift) > SHIFTED:
+        return None
+    system = problem.system
+    assert isinstance(system, Varying)
+    with_it = Problem(
+        system.scattered(s.variable.name, s.apart.change),
+        problem.noise,
+        {**problem.scattered, s.variable.name: s.value},
+        problem.measured,
+    )
+    fit = with_it.fit(base.mechanisms, s.apart.named)  # about which the changes were fitted
+    return None if fit is None else Scattered(with_it, fit, detect(with_it, fit, directions(with_it, fit), rng), s)
 
 
 def in_full(problem: Problem, base: Fit, rng: np.random.Generator) -> Scattered | None:
@@ -157,9 +154,15 @@ def in_full(problem: Problem, base: Fit, rng: np.random.Generator) -> Scattered 
         if fit is None or found is None or (s := scatter(found)) is None:
             continue
         seen = Screen((found,), (), (s,), 0.0, fit.chi2)
-        if (best := scattered(bare, seen, fit, 0.0, rng)) is not None:
+        if (best := scattered(bare, seen, fit, 0.0, rng)) is not None and not best.detection.discrepant:
             return best
     return None
+
+
+def at_common(problem: Problem) -> Problem:
+    """The problem with one value in all of what scatters: of a recording held out nothing is known beforehand."""
+    assert isinstance(problem.system, Varying)
+    return problem.asked_of(problem.system.at_common())
 
 
 def only(problem: Problem, named: Sequence[str]) -> Problem:

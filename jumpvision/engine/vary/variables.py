@@ -70,6 +70,10 @@ class Varying(System, Protocol):
         `scatter`."""
         ...
 
+    def at_common(self) -> Self:
+        """The same with one value for all of what scatters, about which it does."""
+        ...
+
 
 def added(*changes: Changes) -> Changes:
     """The sum of several, number by number; of instants the last that is given."""

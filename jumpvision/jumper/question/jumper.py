@@ -156,6 +156,12 @@ class Jumper:
         out.scattering, out.always = (*self.scattering, name), {**self.always, name: changes}
         return out
 
+    def at_common(self) -> Jumper:
+        """The same jumps with one value for all of what scatters."""
+        out = copy.copy(self)
+        out.latest, out.always = Latest(), {}
+        return out
+
     def _free(
         self, name: str, limits: tuple[float, float] | None, sigma: float | None, given: float | None = None
     ) -> Parameter:
