@@ -22,7 +22,7 @@ import numpy as np
 from jumpvision.base.arrays import Z90
 from jumpvision.engine.document.measured import motions_alone
 from jumpvision.engine.fitting import Fit, Problem
-from jumpvision.engine.order import Findings, diagnose, fit_baseline
+from jumpvision.engine.order import Findings, Order, fit_baseline
 from jumpvision.engine.priors import Measured
 from jumpvision.engine.search import best_starts, race
 from jumpvision.engine.system import Parameter
@@ -82,9 +82,7 @@ class Question:
         if not self.case.naming:
             again = near and problem.fit(near.mechanisms, near.named)
             return Answer(learned, problem, again or told(problem, self.hidden, rng))
-        d = diagnose(
-            learned.system, learned.noise, rng, scatter=learned.scatter, measured=beside, by=("kind",), stops=stops
-        )
+        d = Order(problem, rng, by=("kind",), stops=stops).all()
         return Answer(learned, problem, d.naming.best.fit if d.naming and d.naming.named else d.baseline, d)
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from jumpvision.engine.detect import directions
 from jumpvision.engine.fitting import Problem
 from jumpvision.engine.noise.noise import Noise, Stretch, coefficients, estimate, spread_of
-from jumpvision.engine.order import Findings, diagnose
+from jumpvision.engine.order import Findings, Order
 from jumpvision.engine.study.particle import Body, quiet
 from jumpvision.engine.system import Candidate, Observation, Parameter
 
@@ -224,7 +224,7 @@ def dry_pendulum(rng: np.random.Generator, step: float = 2 * np.pi / 40000) -> t
 
 
 def questioned(body: Body, scatter: dict[str, float] | None = None) -> Findings:
-    return diagnose(body, body.noise, np.random.default_rng(1), scatter=scatter)
+    return Order(Problem(body, body.noise, scatter), np.random.default_rng(1)).all()
 
 
 def best_of(d: Findings) -> str:

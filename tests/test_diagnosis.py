@@ -28,7 +28,7 @@ from jumpvision.engine.noise.noise import (
     step_apart,
 )
 from jumpvision.engine.noise.whitening import Whitening
-from jumpvision.engine.order import diagnose, fit_baseline
+from jumpvision.engine.order import Order, fit_baseline
 from jumpvision.engine.system import Candidate, Observation, Parameter
 from jumpvision.engine.worth.gain import ratio_interval
 from jumpvision.estimate.height import curve_height
@@ -267,7 +267,7 @@ def test_scatter_from_trial_to_trial_is_no_discrepancy():
 def test_the_cause_is_named_with_its_value_its_gain_and_where():
     rng = np.random.default_rng(10)
     system, noise = questioned(rng, w=0.01, f=11.0, zero=0.0)
-    d = diagnose(system, noise, rng, by=("kind",))
+    d = Order(Problem(system, noise), rng, by=("kind",)).all()
     assert not d.adequate
     assert d.naming.named == ("wave",)
     assert not d.naming.twins
@@ -283,14 +283,14 @@ def test_the_cause_is_named_with_its_value_its_gain_and_where():
 def test_two_causes_at_once():
     rng = np.random.default_rng(11)
     system, noise = questioned(rng, w=0.006, f=16.0, a=2.0)
-    d = diagnose(system, noise, rng)
+    d = Order(Problem(system, noise), rng).all()
     assert set(d.naming.named) == {"cubic", "wave"}
 
 
 def test_what_cannot_be_told_apart_is_said_to_be():
     rng = np.random.default_rng(12)
     system, noise = questioned(rng, q=0.3)
-    d = diagnose(system, noise, rng)
+    d = Order(Problem(system, noise), rng).all()
     assert len(d.naming.named) == 1
     assert set(d.naming.named) <= {"kink", "twin"}
     assert set(d.naming.twins[0]) == {"kink", "twin"}
@@ -301,7 +301,7 @@ def test_an_effect_of_no_vocabulary_is_not_given_a_name():
     system, noise = questioned(rng)
     for o in system.observations:
         o.y[...] += 0.02 * np.exp(-0.5 * ((o.t - 0.08) / 0.008) ** 2)
-    d = diagnose(system, noise, rng)
+    d = Order(Problem(system, noise), rng).all()
     assert not d.adequate
     assert d.naming.named == ()
 
@@ -361,7 +361,7 @@ def test_p_values_of_the_null_are_not_too_small_anywhere():
 def test_three_causes_at_once_none_of_which_alone_leaves_little():
     rng = np.random.default_rng(31)
     system, noise = questioned(rng, w=0.006, f=16.0, a=2.0, q=0.25)
-    found = diagnose(system, noise, rng).naming
+    found = Order(Problem(system, noise), rng).all().naming
     assert found.status == "complete" and found.left == 0.0
     assert {"cubic", "wave"} < set(found.named) and len(found.named) == 3
     assert set(found.named) & {"kink", "twin"} and any(set(t) == {"kink", "twin"} for t in found.twins)
@@ -375,10 +375,10 @@ def test_a_cause_beside_misfit_of_no_vocabulary_is_named_in_part_with_wider_inte
     """A wave of 10 mm, and bumps of 0.6 mm at 80 ms that no mechanism makes: the wave is certain, it is not all."""
     rng = np.random.default_rng(32)
     system, noise = questioned(rng, s=1e-4, w=0.01, f=11.0)
-    alone = diagnose(system, noise, rng).naming
+    alone = Order(Problem(system, noise), rng).all().naming
     for o in system.observations:
         o.y[...] += 6e-4 * np.exp(-0.5 * ((o.t - 0.08) / 0.008) ** 2)
-    found = diagnose(system, noise, rng).naming
+    found = Order(Problem(system, noise), rng).all().naming
     assert alone.named == found.named == ("wave",)
     assert (alone.status, found.status) == ("complete", "partial")
     assert 0 < found.left < 0.02 and found.widened > 2 and alone.widened == 1.0
@@ -453,7 +453,7 @@ def test_a_strength_called_detectable_is_found_in_nine_of_ten_campaigns():
     """100 campaigns with the strength stated for one with nothing hidden: 90 %, three binomial sigmas are 9 %."""
     rng = np.random.default_rng(35)
     system, noise = questioned(rng)
-    none = diagnose(system, noise, rng)
+    none = Order(Problem(system, noise), rng).all()
     assert none.adequate and {d.mechanism for d in none.detectable} == set(system.candidates)
     strength = next(d for d in none.detectable if d.mechanism == "cubic")
     assert (strength.parameter, strength.unit) == ("a", "1")
@@ -468,6 +468,6 @@ def test_a_strength_called_detectable_is_found_in_nine_of_ten_campaigns():
 def test_the_gain_is_that_of_mechanisms_chosen_without_the_jumps_held_out():
     rng = np.random.default_rng(36)
     system, noise = questioned(rng, w=0.01, f=11.0, zero=0.0)
-    gained = diagnose(system, noise, rng, by=("kind",)).gain
+    gained = Order(Problem(system, noise), rng, by=("kind",)).all().gain
     assert sum(n for _, n in gained.selection) == 4
     assert dict(gained.selection)[("wave",)] == 4

@@ -14,7 +14,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from benchmarks import diagnosis_real as real
 from benchmarks.ball_drops import Ball, questioned, together
 from jumpvision.engine.noise.noise import Noise
-from jumpvision.engine.order import diagnose
+from jumpvision.engine.fitting import Problem
+from jumpvision.engine.order import Order
 from jumpvision.engine.study.particle import LAW, UNDRIVEN, path
 
 STEP = 2 * np.pi / 40000  # rad, of the encoder
@@ -58,7 +59,7 @@ def test_dry_friction_of_a_drawn_pendulum_is_named():
     """Truth by another solver, rounded as the encoder: friction within five sigma and 3 %, the gain far above 4."""
     rng = np.random.default_rng(3)
     body = real.pendulum(*real.dry_pendulum(rng), 4, STEP)
-    found = diagnose(body, body.noise, rng)
+    found = Order(Problem(body, body.noise), rng).all()
     assert found.naming is not None and found.gain is not None
     assert "coulomb_friction" in found.naming.best.mechanisms
     f = found.naming.best.fit
@@ -74,7 +75,7 @@ def test_friction_is_named_beside_a_small_fault_of_the_encoder():
     t, angle = real.dry_pendulum(rng)
     for error, named in ((0.3e-3, ("coulomb_friction",)), (3e-3, ())):
         body = real.pendulum(t, angle + error * np.sin(angle / 10e-3), 4, STEP)
-        found = diagnose(body, body.noise, np.random.default_rng(1)).naming
+        found = Order(Problem(body, body.noise), np.random.default_rng(1)).all().naming
         assert found is not None and found.named == named
         if named:
             assert 0 < found.left < 0.01
@@ -92,7 +93,7 @@ def test_drag_of_drawn_falls_is_found_and_nothing_else(drag):
         true = solve_ivp(lambda _, s: [s[1], -9.81 - drag * abs(s[1]) * s[1]], (0, 3), [47.0, v], t_eval=t, rtol=1e-9)
         tracks.append((t, true.y[0] + rng.normal(0.0, 0.05, t.size)))
     body = real.ball(tracks, Noise(0.05, 0.0, 1 / 15))
-    found = diagnose(body, body.noise, rng)
+    found = Order(Problem(body, body.noise), rng).all()
     assert found.adequate == (drag == 0.0)
     if drag:
         assert found.naming is not None and found.naming.named == ("quadratic_drag",)
@@ -117,7 +118,7 @@ def test_a_wrong_scale_and_a_drag_are_declared_twins_only_where_the_falls_cannot
         for k in range(1, t.size):
             error[k] = noise.rho * error[k - 1] + np.sqrt(1 - noise.rho**2) * error[k]
         tracks.append((t, (0.8 + scatter * 0.5 * rng.standard_normal()) * (46.0 - 0.5 * 9.81 * t**2) + error))
-    found = diagnose(real.ball(tracks, noise), noise, rng, scatter={"scale": scatter} if scatter else None)
+    found = Order(Problem(real.ball(tracks, noise), noise, {"scale": scatter}), rng).all()
     assert found.naming is not None and found.naming.named == ("camera_scale",)
     beside = {m for twins in found.naming.twins for m in twins} - {"camera_scale"}
     assert beside & {"viscous_drag", "quadratic_drag"} if not told_apart else not beside

@@ -11,7 +11,7 @@ import pytest
 from benchmarks.diagnosis import jumps_of
 from jumpvision.base.schema import InputError
 from jumpvision.engine.fitting import Problem
-from jumpvision.engine.order import diagnose
+from jumpvision.engine.order import Order
 from jumpvision.experiment.campaign.model_file import model_files
 from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.learning import learn_noise
@@ -39,7 +39,7 @@ def test_a_cause_is_named_over_two_beds_of_their_own_stiffness():
     assert system.differing == ("k1", "k2")
     learned = learn_noise(system)
     stops = [j.stop for j in jumps]
-    d = diagnose(learned.system, learned.noise, np.random.default_rng(1), scatter=learned.scatter, stops=stops)
+    d = Order(Problem(learned.system, learned.noise, learned.scatter), np.random.default_rng(1), stops=stops).all()
     assert d.naming is not None and d.naming.named == ("coulomb_friction",) and d.naming.status == "complete"
     f = d.naming.best.fit
     assert f.named["F_c"] == pytest.approx(hidden.parameters["F_c"], abs=4 * f.sigma("F_c"))
@@ -115,7 +115,7 @@ def test_one_friction_is_found_in_jumps_on_both_grounds():
     assert {m.ground for m in system.bases.values()} == {"granular", "hard"} and set(ranges) == {"e", "alpha"}
     learned = learn_noise(system)
     stops = [j.stop for j in jumps]
-    d = diagnose(learned.system, learned.noise, np.random.default_rng(1), scatter=learned.scatter, stops=stops)
+    d = Order(Problem(learned.system, learned.noise, learned.scatter), np.random.default_rng(1), stops=stops).all()
     assert d.naming is not None and d.naming.named == ("coulomb_friction",) and d.naming.status == "complete"
     f = d.naming.best.fit
     assert f.named["F_c"] == pytest.approx(0.2, abs=4 * f.sigma("F_c"))

@@ -15,7 +15,6 @@ import numpy as np
 
 from jumpvision.engine.document.values import Status, Unexplained
 from jumpvision.engine.noise.noise import Noise
-from jumpvision.engine.priors import Measured
 
 from .detect import Cell, Detectable, Detection, detect, detectable, directions, locate
 from .fitting import Fit, Problem
@@ -113,7 +112,6 @@ class Order:
     choose: Choose | None = None
     say: Say = silent
     reached: Callable[[Findings], None] = silent
-    scatters: bool = False  # a number scatters in the problem already: no other is sought
 
     @functools.cached_property
     def _laws(self) -> Laws | None:
@@ -146,7 +144,7 @@ class Order:
         self.reached(d)
         tried = len(self.problem.system.candidates)
         self.say(f"discrepant (p = {d.detection.p_value:.2g}): asking which numbers vary")
-        if self._may_vary and not self.scatters and any(self.problem.scattered.values()):
+        if self._may_vary and any(self.problem.scattered.values()):
             from .vary import explain
 
             if (s := explain.in_full(self.problem, d.baseline, np.random.default_rng(VARY_SEED))) is not None:
@@ -162,7 +160,7 @@ class Order:
         found = order.name(replace(d, problem=order.problem))
         if wide is not None:
             found = order._decided(d, found, wide)
-        if found.adequate or (found.varies and found.varies.aside):
+        if found.adequate or (found.varies and (found.varies.aside or found.varies.scatter)):
             return found
         if found.naming and wide is not None and not (found.naming.status == Status.COMPLETE and order._steady(found)):
             order, found = order._again(found, wide)
@@ -211,11 +209,11 @@ class Order:
         assert naming is not None
         complete = naming.status == Status.COMPLETE
         gained = explain.gained(problem, naming.best.fit, d.baseline) if complete else 0.0
-        s = None if self.scatters else explain.scattered(problem, wide.screen, d.baseline, gained, rng)
+        s = explain.scattered(problem, wide.screen, d.baseline, gained, rng)
         if s is not None and not s.detection.discrepant:
             return self._scattering(d, s)
-        if s is not None and not complete and (more := self._about_scatter(d, s)) is not None:
-            return more
+        if s is not None and not complete and s.detection.p_value >= SURE:
+            return self._named_about(d, s)[1]  # scatter takes all but what chance may
         if complete or wide.odd is None:
             return replace(found, varies=explain.named(problem, naming))
         return self._without(d, wide.odd)
@@ -227,21 +225,6 @@ class Order:
 
         said = Varies(scatter=s.scatter)
         return replace(d, baseline=s.baseline, detection=s.detection, varies=said, problem=s.problem)
-
-    def _about_scatter(self, d: Findings, s: Scattered) -> Findings | None:
-        """What is found beside a number that scatters, where that is not all; None where neither explains the rest and
-        chance does not either."""
-        from .vary.explain import Varies, only
-
-        problem = only(s.problem, ())
-        self.say(f"{s.scatter.variable.name} scatters, and that is not all: asking what else there is")
-        order = replace(self, problem=problem, laws=None, shapes=None, scatters=True)
-        found = order.explain(replace(d, baseline=s.baseline, detection=s.detection))
-        complete = found.naming is not None and found.naming.status == Status.COMPLETE
-        if not complete and not (found.varies and found.varies.aside) and s.detection.p_value < SURE:
-            return None
-        varies = replace(found.varies or Varies(), scatter=s.scatter)
-        return replace(found, varies=varies, problem=found.problem or problem)
 
     def _without(self, d: Findings, odd: Odd) -> Findings:
         """What is found where a few recordings are set aside; causes that all others show beside it."""
@@ -307,38 +290,38 @@ class Order:
         self.say("asking which numbers vary beside these")
         for about in self._abouts(naming, wide):
             wide = self._wider(about, beside=True) or wide
-            if wide.problem.system.candidates.keys() == self.problem.system.candidates.keys():
-                continue
-            order = replace(self, problem=wide.problem)
-            more = order.name(replace(found, naming=None, problem=order.problem), about)
-            assert more.naming is not None
             first = about is naming.best.fit
-            if more.naming.status == Status.COMPLETE or (first and more.naming.status == Status.PARTIAL):
-                return order, replace(more, varies=explain.named(order.problem, more.naming))
+            if wide.problem.system.candidates.keys() != self.problem.system.candidates.keys():
+                order = replace(self, problem=wide.problem)
+                more = order.name(replace(found, naming=None, problem=order.problem), about)
+                assert more.naming is not None
+                if more.naming.status == Status.COMPLETE or (first and more.naming.status == Status.PARTIAL):
+                    return order, replace(more, varies=explain.named(order.problem, more.naming))
             if first and (scatters := self._scatter_beside(found, wide)) is not None:
                 return scatters
         return self, found
 
     def _scatter_beside(self, found: Findings, wide: Wider) -> tuple[Order, Findings] | None:
         """What is named with a number that scatters about it, where both are all; wide: about what is named."""
-        from .vary.explain import SECOND, named, scattered
+        from .vary import explain
 
-        naming, rng = found.naming, np.random.default_rng(VARY_SEED)
-        assert naming is not None
-        if self.scatters or not naming.named:
+        assert found.naming is not None
+        about, rng = found.naming.best.fit, np.random.default_rng(VARY_SEED)
+        s = explain.scattered(self.problem, wide.screen, about, explain.SECOND, rng) if found.naming.named else None
+        if s is None or s.detection.discrepant or (base := explain.bare(s, found.baseline, rng)) is None:
             return None
-        s = scattered(self.problem, wide.screen, naming.best.fit, SECOND, rng)
-        base = None if s is None or s.detection.discrepant else s.problem.fit((), found.baseline.named)
-        if s is None or base is None:
-            return None
-        order = replace(self, problem=s.problem, scatters=True)
-        seen = detect(s.problem, base, directions(s.problem, base), rng)
-        if not seen.discrepant:
-            return None
-        more = order.name(replace(found, baseline=base, detection=seen, naming=None, problem=s.problem), s.baseline)
-        if more.naming is None or more.naming.status != Status.COMPLETE:
-            return None
-        return order, replace(more, varies=replace(named(s.problem, more.naming), scatter=s.scatter))
+        order, more = self._named_about(found, base, s.baseline)
+        complete = more.naming and more.naming.status == Status.COMPLETE
+        return (order, more) if complete else None
+
+    def _named_about(self, d: Findings, s: Scattered, beside: Fit | None = None) -> tuple[Order, Findings]:
+        """What is named where a number scatters."""
+        from .vary.explain import named
+
+        order = replace(self, problem=s.problem)
+        found = order.name(replace(d, baseline=s.baseline, detection=s.detection, problem=s.problem), beside)
+        assert found.naming is not None
+        return order, replace(found, varies=replace(named(s.problem, found.naming), scatter=s.scatter))
 
     def _abouts(self, naming: Naming, wide: Wider) -> list[Fit]:
         """The fit of what is named; where nothing is also those of the likeliest single mechanisms, whose place others
@@ -423,27 +406,6 @@ class Order:
             found = gain(whole, fit_baseline, self._times, rng, NEIGHBOURS, d.law.fitted_anew)
         self.reached(replace(d, gain=found))
         return found
-
-
-def diagnose(
-    system: System,
-    noise: Noise,
-    rng: np.random.Generator,
-    *,
-    scatter: Mapping[str, float] | None = None,
-    measured: Sequence[Measured] = (),
-    by: Sequence[str] = (),
-    stops: Sequence[float] | None = None,
-    offered: Offer | None = None,
-    say: Say = silent,
-) -> Findings:
-    """Questions a system in the order above.
-
-    scatter: standard deviations of what differs from trial to trial (System.scatter). measured: of parameters, by other
-    means.
-    """
-    problem = Problem(system, noise, scatter, measured)
-    return Order(problem, rng, by=by, stops=stops, offered=offered, say=say).all()
 
 
 def fit_baseline(problem: Problem, rng: np.random.Generator) -> Fit:

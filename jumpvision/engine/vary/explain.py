@@ -142,6 +142,14 @@ def scattered(problem: Problem, seen: Screen, base: Fit, least: float, rng: np.r
     return None if fit is None else Scattered(with_it, fit, detect(with_it, fit, directions(with_it, fit), rng), s)
 
 
+def bare(s: Scattered, base: Fit, rng: np.random.Generator) -> Scattered | None:
+    """The same scatter, which was found about causes, about none; None where that is adequate or cannot be followed."""
+    if (fit := s.problem.fit(base.mechanisms, base.named)) is None:
+        return None
+    found = detect(s.problem, fit, directions(s.problem, fit), rng)
+    return replace(s, baseline=fit, detection=found) if found.discrepant else None
+
+
 def in_full(problem: Problem, base: Fit, rng: np.random.Generator) -> Scattered | None:
     """What differs from trial to trial, as the repeats tell, with every recording's own value of it: about one value
     for all it is linear only in what is small beside the noise. None where no such model is adequate."""
