@@ -17,9 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
-from jumpvision.engine.fitting import Fit
+from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.noise.noise import Noise
-from jumpvision.engine.order import Findings, diagnose
+from jumpvision.engine.order import Findings, Order
 from jumpvision.engine.study.particle import LAW, SENSOR, Body
 from jumpvision.engine.system import Candidate, Observation, Parameter
 
@@ -100,9 +100,7 @@ def together(tracks: Mapping[str, list[tuple[Array, Array]]], each: Mapping[str,
 
 def questioned(system: Balls, scatter: float) -> Findings:
     """By the engine; the conditions are the balls: a gain is on balls that were not fitted."""
-    return diagnose(
-        system, system.noise, np.random.default_rng(1), scatter={"scale": scatter} if scatter else None, by=("kind",)
-    )
+    return Order(Problem(system, system.noise, {"scale": scatter}), np.random.default_rng(1), by=("kind",)).all()
 
 
 def left(system: Balls, fit: Fit) -> list[tuple[str, float]]:

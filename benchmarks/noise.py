@@ -21,7 +21,7 @@ from scipy import stats
 from jumpvision.engine.detect import Detection, detect, directions
 from jumpvision.engine.fitting import Problem
 from jumpvision.engine.noise.noise import Noise
-from jumpvision.engine.order import diagnose, fit_baseline
+from jumpvision.engine.order import Order, fit_baseline
 from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.jumps import Jump
 from jumpvision.jumper.question.learning import Learned, learn_noise
@@ -166,7 +166,7 @@ def power(case: Case) -> Row:
     if not case.naming:
         found = tested(Problem(system, learned.noise, learned.scatter), rng)
         return {**told, "detected": found.discrepant, "p": found.p_value, "chi2_per_dof": found.chi2_per_dof}
-    d = diagnose(system, learned.noise, rng, scatter=learned.scatter, by=("kind",), stops=stops)
+    d = Order(Problem(system, learned.noise, learned.scatter), rng, by=("kind",), stops=stops).all()
     data = diagnosis_of(d, learned)
     outcome = score(data.values, answer_of(setting))["outcome"]
     return {

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import jumpvision as jv
-from jumpvision.engine.order import diagnose
+from jumpvision.engine.fitting import Problem
+from jumpvision.engine.order import Order
 from jumpvision.engine.system import Parameter
 from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.learning import Learned, learn_noise
@@ -67,7 +68,7 @@ def main() -> None:
         learned = learn_noise(Jumper(jumps, fit, priors, workers=1))
         began = time.perf_counter()
         stops = [j.stop for j in jumps]
-        d = diagnose(learned.system, learned.noise, np.random.default_rng(1), by=("kind",), stops=stops)
+        d = Order(Problem(learned.system, learned.noise), np.random.default_rng(1), by=("kind",), stops=stops).all()
         ours, middle = set(d.naming.named) if d.naming else set(), time.perf_counter()
         again = jv.diagnose(*wrapped(learned), avoid=True)
         took, theirs = time.perf_counter() - middle, set(again.named)

@@ -13,8 +13,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from benchmarks import diagnosis_real as real
 from benchmarks.ball_drops import Ball, questioned, together
-from jumpvision.engine.noise.noise import Noise
 from jumpvision.engine.fitting import Problem
+from jumpvision.engine.noise.noise import Noise
 from jumpvision.engine.order import Order
 from jumpvision.engine.study.particle import LAW, UNDRIVEN, path
 

@@ -7,7 +7,7 @@ forces, experiments not yet made) they hand over.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -19,8 +19,8 @@ from jumpvision.engine.noise.noise import Noise
 from .detect import Cell, Detectable, Detection, detect, detectable, directions, locate
 from .fitting import Fit, Problem
 from .naming import Naming, name
-from .system import Costly, Parameter, System, patterns_of
-from .worth.gain import Begin, Choose, Gain, among, begun_at, extrapolation, gain
+from .system import Costly, Parameter, patterns_of
+from .worth.gain import Begin, Choose, Gain, among, begun_at, gain
 
 if TYPE_CHECKING:  # imported where they are asked for: most questions end before
     from .discovery import Law, Laws
@@ -364,7 +364,11 @@ class Order:
         if not (d.varies and d.varies.only_odd(naming.named)):  # which tell nothing of other recordings
             self.say("predicting held-out conditions")
             worth = self._gain(d)
-        beyond = extrapolation(problem, d.baseline, best, self.by[0], self._times) if self.by else {}
+        beyond: dict[str, Gain] = {}
+        if self.by:
+            from .worth.refitted import extrapolation
+
+            beyond = extrapolation(problem, d.baseline, best, self.by[0], self._times)
         # a motion not yet made has no numbers of its own
         patterns = patterns_of(problem.system)
         tried = [e for e in naming.tried if not set(e.mechanisms) & set(patterns)]

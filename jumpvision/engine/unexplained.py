@@ -24,7 +24,7 @@ from .fitting import Fit, Problem
 from .naming import held_out_score
 from .search import Start, best_starts, race, start_of
 from .system import System
-from .worth.gain import held_out_ratio
+from .worth.refitted import held_out_ratio
 
 LEAST_OWN = 0.05  # share of a second shape that the first model cannot mimic
 HALVED = 2.0  # factor on the error of conditions held out from which a shape is told

@@ -84,7 +84,7 @@ def gain(
         except ValueError:
             return None
         best = (choose or searched)(part, base, rng)
-        return best.mechanisms, _errors(problem, base, best, held, stops)
+        return best.mechanisms, errors(problem, base, best, held, stops)
 
     found = problem.each(partial(without, fold, own) for fold, own in zip(folds, rng.spawn(len(folds))))
     if None in found:
@@ -94,7 +94,7 @@ def gain(
     for mechanisms, errors in filter(None, found):
         chosen[mechanisms] += 1
         rows |= errors
-    return _summed(problem, rows, tuple(chosen.most_common()))
+    return summed(problem, rows, tuple(chosen.most_common()))
 
 
 def searched(problem: Problem, base: Fit, rng: np.random.Generator) -> Fit:
@@ -140,56 +140,11 @@ def _place(label: object) -> tuple[float, str]:
     return (float(label), "") if isinstance(label, int | float) else (math.inf, str(label))
 
 
-def extrapolation(problem: Problem, before: Fit, after: Fit, label: str, stops: Sequence[float]) -> dict[str, Gain]:
-    """The gain on each value of a label (a kind of jump, a volume fraction) when none of it was fitted."""
-    observations = problem.system.observations
-    values = list(dict.fromkeys(str(o.labels.get(label)) for o in observations))
-    if len(values) < 2:
-        return {}
-    out = {}
-    for value in values:
-        held = [i for i, o in enumerate(observations) if str(o.labels.get(label)) == value]
-        if (found := _score(problem, before, after, [held], stops)) is not None:
-            out[value] = found
-    return out
-
-
-def held_out_ratio(problem: Problem, before: Fit, after: Fit) -> float:
-    """By what the error on conditions held out falls from one model to another, a block of them held out at a time;
-    0 where there is but one, or a model cannot be followed."""
-    observations = problem.system.observations
-    conditions = list(dict.fromkeys(o.condition for o in observations))
-    if len(conditions) < 2:
-        return 0.0
-    folds = np.array_split(np.array(conditions, dtype=object), min(FOLDS, len(conditions)))
-    held = [[i for i, o in enumerate(observations) if o.condition in fold] for fold in folds]
-    found = _score(problem, before, after, held, [float(o.t[0]) for o in observations])
-    return found.ratio if found else 0.0
-
-
-def _score(
-    problem: Problem,
-    before: Fit,
-    after: Fit,
-    folds: Sequence[Sequence[int]],
-    stops: Sequence[float],
-) -> Gain | None:
-    rows: dict[int, Row] = {}
-    for held in folds:
-        rest = [i for i in problem.all if i not in set(held)]
-        # few iterations: each starts from the full fit
-        fits = [f for g in (before, after) if (f := problem.fit(g.mechanisms, g.named, rest, iterations=6))]
-        if len(fits) < 2:
-            return None
-        rows |= _errors(problem, fits[0], fits[1], held, stops)
-    return _summed(problem, rows, ())
-
-
 # of an observation: sums of squares of two models, samples, squares of what their heights are off
 Row = tuple[float, float, int, float, float]
 
 
-def _errors(problem: Problem, before: Fit, after: Fit, held: Sequence[int], stops: Sequence[float]) -> dict[int, Row]:
+def errors(problem: Problem, before: Fit, after: Fit, held: Sequence[int], stops: Sequence[float]) -> dict[int, Row]:
     """Squared errors of the motions held out, by either model."""
     predicted = [problem.system.predict(f.mechanisms, f.named, held) for f in (before, after)]
     rows: dict[int, Row] = {}
@@ -210,7 +165,7 @@ def _off_height(o: Observation, y: Array, stop: float) -> float:
     return curve_height(o.t, y, stop) - o.measured[0]
 
 
-def _summed(problem: Problem, rows: Mapping[int, Row], selection: tuple[tuple[tuple[str, ...], int], ...]) -> Gain:
+def summed(problem: Problem, rows: Mapping[int, Row], selection: tuple[tuple[tuple[str, ...], int], ...]) -> Gain:
     observations = problem.system.observations
     groups: dict[str, list[int]] = {}
     for i in rows:
