@@ -91,9 +91,9 @@ def gain(
         return None
     rows: dict[int, Row] = {}
     chosen: Counter[tuple[str, ...]] = Counter()
-    for mechanisms, errors in filter(None, found):
+    for mechanisms, off in filter(None, found):
         chosen[mechanisms] += 1
-        rows |= errors
+        rows |= off
     return summed(problem, rows, tuple(chosen.most_common()))
 
 
