@@ -365,7 +365,7 @@ class Order:
             self.say("predicting held-out conditions")
             worth = self._gain(d)
         beyond: dict[str, Gain] = {}
-        if self.by:
+        if self.by and len({str(o.labels.get(self.by[0])) for o in problem.system.observations}) > 1:
             from .worth.refitted import extrapolation
 
             beyond = extrapolation(problem, d.baseline, best, self.by[0], self._times)

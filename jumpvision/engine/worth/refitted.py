@@ -13,12 +13,8 @@ from .gain import FOLDS, Gain, Row, errors, summed
 
 def extrapolation(problem: Problem, before: Fit, after: Fit, label: str, stops: Sequence[float]) -> dict[str, Gain]:
     """The gain on each value of a label (a kind of jump, a volume fraction) when none of it was fitted."""
-    observations = problem.system.observations
-    values = list(dict.fromkeys(str(o.labels.get(label)) for o in observations))
-    if len(values) < 2:
-        return {}
-    out = {}
-    for value in values:
+    observations, out = problem.system.observations, {}
+    for value in dict.fromkeys(str(o.labels.get(label)) for o in observations):
         held = [i for i, o in enumerate(observations) if str(o.labels.get(label)) == value]
         if (found := _score(problem, before, after, [held], stops)) is not None:
             out[value] = found
