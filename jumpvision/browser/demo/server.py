@@ -63,7 +63,7 @@ class Handler(LocalHandler):
             if self.path != "/api/diagnose":
                 raise Refused(404, f"{self.path}: there is no such question")
             if not self.server.asking.acquire(blocking=False):
-                raise Refused(503, "a diagnosis is at work; ask again when it has answered")
+                raise Refused(503, "a diagnosis is running; ask again when it is finished")
             try:
                 status, answer = 200, diagnosed(files)
             finally:
