@@ -408,7 +408,7 @@ def diagnose(
     budget
         With --simulator: most runs.
     accept
-        Write the lines that are told "to mend" into the experiments' experiment.toml, and ask again.
+        Write the suggested corrections into the experiments' experiment.toml, and diagnose again.
     """
     from jumpvision.base.schema import InputError
     from jumpvision.experiment.campaign.folder import DIAGNOSED

@@ -303,7 +303,7 @@ class RodTrack(TimedLog):
 
 
 class RodCorrections(LogSection):
-    """frame,x_px,y_px,sigma_px: where a person says that the ball of [rod_video] is; it goes before what was found."""
+    """frame,x_px,y_px,sigma_px: where a person says that the ball of [rod_video] is; it overrides what was found."""
 
     name = "rod_corrections"
     knows = ("frame", "x_px", "y_px", "sigma_px")
