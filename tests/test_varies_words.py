@@ -161,7 +161,7 @@ def test_generic_forces_are_said_in_its_place_where_they_are_worth_it():
 
 
 def test_nothing_likelier_than_chance_has_nowhere_to_look():
-    assert "no cause is likelier than chance" in sentence(diagnosis(left_over=LeftOver(1.2, 1.0, 1.0)))
+    assert "no cause is more likely than chance" in sentence(diagnosis(left_over=LeftOver(1.2, 1.0, 1.0)))
 
 
 def test_a_study_says_it_in_its_own_words():
