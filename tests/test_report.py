@@ -270,7 +270,7 @@ def test_a_strength_is_said_in_the_unit_of_its_size(value, unit, shown):
 def test_half_a_foot_is_said_where_its_mass_stands():
     mass = Fits({"added_mass_kg": Estimate(0.073, 0.001, "kg", 7, math.nan)})
     assert [experiment_words(None, UNKNOWN, mass, whole=w)[1][0][2] for w in (False, True)] == [
-        "grains that move with the foot, at most (half foot, as filmed)",
+        "grains that move with the foot, at most (half foot, as filmed; the whole foot moves twice as much, 146 g)",
         "grains that move with the foot, at most (whole foot)",
     ]
 

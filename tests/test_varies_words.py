@@ -142,8 +142,8 @@ def test_beside_it_a_mechanism_or_more_that_is_left():
     assert first.startswith("The scale of the camera is 4.0 %") and then == "dry friction on the rail."
     partial = sentence(diagnosis(varies=(DAY,), status="partial", left_over=left))
     assert partial.endswith(
-        "; 2 % of the discrepancy (in chi^2) remains beyond the noise; what is left has no simple form: look at jump-3, "
-        "jump-9 and jump-2."
+        "; 2 % of the discrepancy (in chi^2) remains beyond the noise; what is left has no simple form: look at "
+        "jump-3, jump-9 and jump-2."
     )
 
 

@@ -41,8 +41,8 @@ class RuleOptions:
     elsewhere: Annotated[
         tuple[str, ...],
         _beside(
-            "A bed, foot or spring that the campaign does not have: settings of [bed] and [robot], with commas between, e.g. "
-            "bed.volume_fraction=0.6; may be repeated."
+            "A bed, foot or spring that the campaign does not have: settings of [bed] and [robot], with commas "
+            "between, e.g. bed.volume_fraction=0.6; may be repeated."
         ),
     ] = ()
     motion: Annotated[
@@ -232,7 +232,9 @@ def _planned(path: Path, before: Path, tell: tuple[str, ...], options: Options) 
     rows = [
         {
             "cause": c.mechanism,
-            "shows from": f"{c.parameter} = {c.from_:.3g} {c.unit}" if math.isfinite(c.from_) else "no value in its range",
+            "shows from": f"{c.parameter} = {c.from_:.3g} {c.unit}"
+            if math.isfinite(c.from_)
+            else "nowhere in its range",
             "not distinguishable from": ", ".join(c.twins) or "-",
         }
         for c in found.causes

@@ -212,7 +212,11 @@ def _share(path: Path, text: str, options: Options, pipeline: Path | None) -> in
         results, options.cache or results / ".cache", verify=options.verify, fresh=options.fresh_if_versions_differ
     )
     kept = run_share(opened, plan, "piv", share, workers=options.workers or cores())
-    what = "its pairs are kept; run without --share puts the film together" if kept else "this film is not divided into shares"
+    what = (
+        "its pairs are kept; run without --share puts the film together"
+        if kept
+        else "this film is not divided into shares"
+    )
     terminal.line(f"{opened.name}: share {text}: {what}")
     return DONE
 

@@ -119,7 +119,8 @@ def next_round(asked: Question, rules: Rules, spent: int, workers: int = 1) -> R
         said = (
             f"the best, {best.name}, would bring {best.bits:.3f} bits for a cost of {best.cost:g}" if best else "none"
         )
-        end = f"no experiment left is worth its cost: {said} (needed: {rules.least:g} a jump); still open: {', '.join(open_causes)}"
+        end = f"no experiment left is worth its cost: {said} (needed: {rules.least:g} a jump)"
+        end += f"; still open: {', '.join(open_causes)}"
         return _ended(told, end, left_out)
     return replace(told, proposed=tuple(worthy), left_out=tuple(left_out))
 
@@ -153,7 +154,9 @@ def proposals(asked: Question, now: Believed, rules: Rules, size: int) -> tuple[
     for what, (relative, cost) in OTHER.items() if rules.tests else ():
         p = measuring(now.held, relative)
         if p is None:
-            left_out.append(f"{what}: not every likely model has {', '.join(relative)} free, so its gain cannot be computed")
+            left_out.append(
+                f"{what}: not every likely model has {', '.join(relative)} free, so its gain cannot be computed"
+            )
             continue
         k = len(ways) + len(others)
         offered[k], costs[k], others[k] = p, rules.costs.get(what, cost), what
