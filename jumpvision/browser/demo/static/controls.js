@@ -63,6 +63,7 @@ export function build(form, page, on, isShown) {
     for (const r of rows.filter((r) => r.slider.group === name)) {
       if (r.slider.key === "frequency2") box.append(el("label", { className: "check" }, two, t("two")));
       box.append(r.node);
+      if (r.slider.key === "gravity") box.append(el("p", { className: "why", textContent: t("why_g") }));
     }
     form.append(box);
   }
