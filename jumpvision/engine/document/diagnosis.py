@@ -43,6 +43,7 @@ from .values import (
     Selection,
     Simulated,
     Status,
+    Step,
     Suggested,
     Trace,
     Unexplained,
@@ -70,7 +71,7 @@ class Diagnosis(Record):
     their noise); fitted, the parameters of the extended model; correlations of their errors; lacks, the mechanisms in
     words; runs; doubts: parameters without effect, that cannot be told, to which the simulator answers in steps;
     simulated: open-loop error of every model named; prediction: the model to predict new recordings with;
-    traces (not in the file), measured and simulated values.
+    traces, search (not in the file), measured and simulated values; the steps of the search.
     """
 
     file = FILE
@@ -114,6 +115,7 @@ class Diagnosis(Record):
     sentence: str
     confirmed: str | None
     traces: ClassVar[tuple[Trace, ...]] = ()
+    search: ClassVar[tuple[Step, ...]] = ()
 
     @property
     def adequate(self) -> bool:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Z95
 from jumpvision.engine.detect import LEVEL
-from jumpvision.engine.document.diagnosis import Diagnosis
+from jumpvision.engine.document.diagnosis import Diagnosis, chance
 from jumpvision.engine.document.document import titles
 from jumpvision.engine.document.values import Cell, Discovered, Varies
 from jumpvision.engine.laws.expression import parse
@@ -119,7 +119,10 @@ def study_picture(data: Diagnosis) -> bytes:
         axes[4].set(title="error of each recording", xlabel=f"rms [{', '.join(units)}]", xscale="log")
         axes[5].set_axis_off()
         text = [f"{n} = {p}" for n, p in (data.fitted or {}).items()]
-        text += [f"held out: {data.gain.ratio:.3g} times better" if data.gain else "", f"p = {data.p_value:.2g}"]
+        text += [
+            f"held out: {data.gain.ratio:.3g} times better" if data.gain else "",
+            f"p {chance(data.p_value)}" if data.p_value < 0.001 else f"p = {data.p_value:.2g}",
+        ]
         axes[5].text(0.0, 1.0, "\n".join(x for x in text if x), va="top", transform=axes[5].transAxes)
         for ax in axes[:2]:
             ax.legend()
