@@ -24,7 +24,7 @@ def doctor(path: Path = Path("."), /, *, json: bool = False) -> int:
     Parameters
     ----------
     path
-        Where results are to lie.
+        Folder for results.
     json
         Machine-readable result on stdout.
     """

@@ -62,7 +62,7 @@ def explore(
     rules: RuleOptions = RuleOptions(),
     options: Options = OPTIONS,
 ) -> int:
-    """The experiments that tell most of what is still open, prepared for the apparatus; run it again after each.
+    """The experiments that show most of what is still open, prepared for the apparatus; run it again after each.
 
     Writes explore.json, explore.png and explore.html among the results, and a folder for each experiment beside the
     others, with experiment.toml, protocol.toml and motor_command.csv (docs/experimenter.md).
@@ -78,9 +78,9 @@ def explore(
     lift_off
         KIND:FREQUENCY, e.g. stutter:9: the smallest amplitude that lifts off hard ground, by bisection over trials.
     before
-        A planned protocol (TOML with [[jumps]]): what it can and cannot tell, before the first jump.
+        A planned protocol (TOML with [[jumps]]): what it can and cannot show, before the first jump.
     tell
-        With --before: causes that are to be told, e.g. --tell added_mass=0.3; the shortest protocol that does.
+        With --before: causes to be separated from all others, e.g. --tell added_mass=0.3; the shortest protocol that does.
     """
     from jumpvision.base.schema import InputError
 

@@ -338,7 +338,7 @@ def check(path: Path, /, *, isolable: bool = False, options: Options = OPTIONS) 
     Parameters
     ----------
     isolable:
-        Instead, from what is declared alone: which causes these jumps could show and tell apart, before any is made.
+        Instead, from what is declared alone: which causes these jumps could show and distinguish, before any is made.
     """
     if isolable:
         return _isolable(path, options)
