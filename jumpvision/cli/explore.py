@@ -80,7 +80,7 @@ def explore(
     before
         A planned protocol (TOML with [[jumps]]): what it can and cannot show, before the first jump.
     tell
-        With --before: causes to be separated from all others, e.g. --tell added_mass=0.3; the shortest protocol that does.
+        With --before: causes to be separated from all others, e.g. --tell added_mass=0.3, by the shortest protocol.
     """
     from jumpvision.base.schema import InputError
 
