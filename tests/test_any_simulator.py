@@ -135,7 +135,7 @@ def test_the_page_holds_the_trace_of_the_search():
     found = jv.diagnose(world(n=3, dry=0.3), study())
     rows = search_rows(found)
     assert [r["step"].split(" (")[0] for r in rows][:3] == ["fitting the baseline", "testing it", "discrepant"]
-    assert sum(int(r["simulations"]) for r in rows) == found.runs.made - found.search[0].runs
+    assert sum(int(r["simulations"]) for r in rows) == found.runs.made - found.search[0][1]
     text = page(found, b"", "pendulum")
     assert all(x in text for x in ("How it was searched", "Correlations of the parameters", "swing 0", "trying"))
 

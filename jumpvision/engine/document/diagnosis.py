@@ -43,7 +43,6 @@ from .values import (
     Selection,
     Simulated,
     Status,
-    Step,
     Suggested,
     Trace,
     Unexplained,
@@ -115,7 +114,7 @@ class Diagnosis(Record):
     sentence: str
     confirmed: str | None
     traces: ClassVar[tuple[Trace, ...]] = ()
-    search: ClassVar[tuple[Step, ...]] = ()
+    search: ClassVar[tuple[tuple[str, int, float], ...]] = ()  # a step, runs and seconds before it
 
     @property
     def adequate(self) -> bool:

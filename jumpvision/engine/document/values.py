@@ -512,15 +512,6 @@ class Runs:
 
 
 @dataclass(frozen=True)
-class Step:
-    """What a search began to do, in words, and the runs of the simulator [1] and seconds that went before."""
-
-    words: str
-    runs: int
-    seconds: float
-
-
-@dataclass(frozen=True)
 class Trace:
     """One channel of one recording: measured, simulated and extended values (n,) [unit] at t (n,) [s]."""
 

@@ -14,7 +14,7 @@ import numpy as np
 from jumpvision.base.schema import InputError
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.document import LOOSE, document
-from jumpvision.engine.document.values import Doubt, Prediction, Simulated, Status, Step
+from jumpvision.engine.document.values import Doubt, Prediction, Simulated, Status
 from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.order import Findings, Order, fit_baseline, silent
 from jumpvision.engine.system import patterns_of
@@ -83,10 +83,10 @@ def diagnose(recordings: Sequence[Recording], study: Study | None, how: How | No
     runs = Runs(study, [*recordings, *_unmade(study, recordings)], how)
     try:
         system = studied(study, recordings, runs)
-        begun, steps = time.perf_counter(), list[Step]()
+        begun, steps = time.perf_counter(), list[tuple[str, int, float]]()
 
         def say(words: str) -> None:
-            steps.append(Step(words, runs.count.made, time.perf_counter() - begun))
+            steps.append((words, runs.count.made, time.perf_counter() - begun))
             (how.progress or silent)(words)
 
         found, stopped = _asked(system, say)

@@ -83,10 +83,10 @@ def facts(d: Diagnosis) -> list[tuple[str, str, str]]:
 
 def search_rows(d: Diagnosis) -> list[dict[str, str]]:
     """The steps of the search, when each began, and its simulations."""
-    ends = [*(s.runs for s in d.search[1:]), d.runs.made if d.runs else 0]
+    ends = [*(runs for _, runs, _ in d.search[1:]), d.runs.made if d.runs else 0]
     return [
-        {"step": s.words, "begun after [s]": said(s.seconds, ".1f"), "simulations": str(end - s.runs)}
-        for s, end in zip(d.search, ends)
+        {"step": words, "begun after [s]": said(seconds, ".1f"), "simulations": str(end - runs)}
+        for (words, runs, seconds), end in zip(d.search, ends)
     ]
 
 
