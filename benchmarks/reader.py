@@ -151,7 +151,8 @@ def main() -> None:
     parser.add_argument("--pages", default="", help="only these, comma apart")
     args = parser.parse_args()
     folder = args.keep or Path(tempfile.mkdtemp(prefix="reader-"))
-    shutil.copytree(ROOT / "data_samples", folder / "data_samples", dirs_exist_ok=True)
+    made = shutil.ignore_patterns("results")
+    shutil.copytree(ROOT / "data_samples", folder / "data_samples", dirs_exist_ok=True, ignore=made)
     shutil.copytree(ROOT / "pipelines", folder / "pipelines", dirs_exist_ok=True)
     brought(folder)
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"

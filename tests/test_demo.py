@@ -425,12 +425,12 @@ def test_a_sealed_world_is_recorded_judged_and_linked(open_page):
     assert "noise alone: 0.20" in page.inner_text("#sealed")
     page.locator("#said").select_option("tilt")
     page.locator("[data-do=open_seal]").click()
-    until(page, "document.querySelector('#judged').textContent.includes('speak against it')")
+    until(page, "document.querySelector('#judged').textContent.includes('contradict it')")
     assert "Hidden was: a loss at landing, +0.376" in page.inner_text("#judged")
     assert page.inner_text(".evidence dt").startswith("a loss at landing, +0.37")
     page.wait_for_timeout(400)
     other = open_page(link=page.evaluate("location.hash"), reduced_motion="reduce")
-    until(other, "document.querySelector('#judged').textContent.includes('speak against it')")
+    until(other, "document.querySelector('#judged').textContent.includes('contradict it')")
     assert other.locator("[data-do=pick]").count() == 2
 
 
@@ -447,9 +447,9 @@ def test_a_served_world_is_questioned_by_the_diagnosis(open_page):
     page = open_page(link=link, reduced_motion="reduce")
     page.locator("[data-do=diagnose]").click()
     page.wait_for_timeout(100)
-    assert "is at work" in page.inner_text("#diagnosis")
+    assert "is running" in page.inner_text("#diagnosis")
     deadline = time.monotonic() + 300
-    while "is at work" in page.inner_text("#diagnosis"):
+    while "is running" in page.inner_text("#diagnosis"):
         assert time.monotonic() < deadline
         page.wait_for_timeout(200)
     assert page.inner_text("#diagnosis") == "jumpvision diagnose names: a loss at landing."

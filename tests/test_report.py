@@ -679,6 +679,24 @@ def test_residuals_have_ticks_to_be_read_by(pages, open_page):
     assert min(page.evaluate(across)) >= 3
 
 
+def test_what_is_named_stands_first_among_the_explanations():
+    """Though another leaves less, as one with more parameters does."""
+    from types import SimpleNamespace as Said
+
+    from matplotlib.figure import Figure
+
+    from jumpvision.report.figures.diagnosis import _causes
+
+    def tried(name, chi2):
+        return Said(mechanisms=(name,), fit=Said(chi2=chi2, residuals=[np.zeros(100)]))
+
+    others = [tried(f"other_{k}", 50.0 + k) for k in range(9)]
+    best = tried("dry_friction", 99.0)
+    axes = Figure().subplots()
+    _causes(axes, Said(naming=Said(tried=(*others, best), best=best, named=("dry_friction",)), problem=None))
+    assert next(x.get_text() for x in axes.get_yticklabels()) == "dry friction" and len(axes.patches) == 7
+
+
 def test_a_long_name_beside_a_bar_is_cut_and_no_mechanism_is():
     from jumpvision.jumper.mechanisms.registry import MECHANISMS
     from jumpvision.report.figures.diagnosis import tick
