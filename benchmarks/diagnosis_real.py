@@ -306,7 +306,7 @@ def main() -> None:
         d = questioned(body, {"scale": scale})
         named = " + ".join(d.naming.named) if d.naming and d.naming.named else "-"
         if d.naming and d.naming.twins:
-            named += " (not told apart: " + "; ".join(" / ".join(t) for t in d.naming.twins) + ")"
+            named += " (not distinguished: " + "; ".join(" / ".join(t) for t in d.naming.twins) + ")"
         peer = [best_sindy(body, (0, 2, 3), (0.005, 0.1), weak) if PEER else ABSENT for weak in (False, True)]
         free = "-" if d.gain is None else f"{d.gain.track_before:.2f}"
         ours = "-" if d.gain is None else f"{d.gain.track_after:.2f}"

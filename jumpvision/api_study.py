@@ -37,16 +37,16 @@ def diagnose(
     avoid: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
-    """What a simulation gets wrong, where and why, and what mending it gains; `.values` is diagnosis.json.
+    """What a simulation gets wrong, where and why, and what a correction gains; `.values` is diagnosis.json.
 
     Without a study, asked is a campaign (folder) of jumps whose [model] is tested; the rest of the arguments but
     results and workers is not used then. With one, asked is recordings of anything, or a long table with the columns
     recording, time_s and a column a channel, and the study's own simulator is tested (docs/any_simulator.md):
     workers: other processes that simulate (none: this one). limit: seconds of a run (in another process). budget: most
     runs. keep: file that keeps every run, from which a later call goes on (default: beside the results, begun anew when
-    a run comes out otherwise). avoid: go round parameters at which a run fails, instead of stopping. progress: told how
-    far it is, e.g. print. Ctrl-C ends it with what is known by then. Nothing is written unless results names a folder:
-    diagnosis.json, samples.csv, diagnosis.png, report.html, runs.sqlite.
+    a run comes out otherwise). avoid: go round parameters at which a run fails, instead of stopping. progress: called
+    with how far it is, e.g. print. Ctrl-C ends it with what is known by then. Nothing is written unless results names a
+    folder: diagnosis.json, samples.csv, diagnosis.png, report.html, runs.sqlite.
 
     Example: jv.diagnose("my_campaign").sentence
     """
@@ -68,7 +68,7 @@ def isolable(
     *,
     workers: int | None = None,
 ) -> Isolable:
-    """Which causes recordings could show, from which strength, and which they could not tell apart, before any is made.
+    """Which causes recordings could show, from which strength, and not distinguish, before any is made.
 
     asked: a campaign (folder) of jumps as declared, or recordings (values NaN where they are not made yet; the noise of
     the channels then stated) with the study that simulates them. Also of every number that may drift in the order of

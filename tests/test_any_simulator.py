@@ -24,6 +24,7 @@ from jumpvision.cli import main
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.study.runs import SimulatorError
 from jumpvision.engine.study.walk import as_walk
+from jumpvision.report.pages.study import page, search_rows
 
 T = np.arange(0.0, 2.0, 0.02)
 
@@ -127,6 +128,16 @@ def test_written_only_where_asked(tmp_path, monkeypatch):
     jv.diagnose(world(n=2), study(), results=tmp_path / "out")
     made = {f.name for f in (tmp_path / "out").iterdir()}
     assert made == {"diagnosis.json", "samples.csv", "diagnosis.png", "report.html", "runs.sqlite"}
+
+
+def test_the_page_holds_the_trace_of_the_search():
+    """Its steps, in order, with their runs: what went before the first is the start's own."""
+    found = jv.diagnose(world(n=3, dry=0.3), study())
+    rows = search_rows(found)
+    assert [r["step"].split(" (")[0] for r in rows][:3] == ["fitting the baseline", "testing it", "discrepant"]
+    assert sum(int(r["simulations"]) for r in rows) == found.runs.made - found.search[0][1]
+    text = page(found, b"", "pendulum")
+    assert all(x in text for x in ("How it was searched", "Correlations of the parameters", "swing 0", "trying"))
 
 
 def test_a_gain_over_two_recordings_has_no_interval():

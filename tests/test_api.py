@@ -67,7 +67,7 @@ def test_the_command_line_finds_what_the_notebook_has_computed(cells, samples, c
     assert main(["fit", str(samples / "data_samples" / "hard_ground"), "--json", "--no-pictures"]) == 0
     done = json.loads(capsys.readouterr().out)["experiments"][0]
     assert {s["state"] for s in done["stages"]} == {"cached"}
-    assert (samples / "data_samples" / "results" / "hard_ground" / "provenance.json").exists()
+    assert (samples / "results" / "hard_ground" / "provenance.json").exists()
 
 
 def test_folders_and_records_show_themselves(cells, samples):

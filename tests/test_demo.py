@@ -63,8 +63,8 @@ def test_every_slider_has_a_place_in_the_declared_sections_and_its_range_is_allo
 @pytest.mark.parametrize(
     "path", ["/../server.py", "/static/../../cli.py", "/%2e%2e/server.py", "//etc/passwd", "/__init__.py"]
 )
-def test_only_the_pages_files_are_served(connection, path):
-    connection.request("GET", path)
+def test_only_the_pages_files_are_served(server, connection, path):
+    connection.request("GET", server.root + path.removeprefix("/"))
     reply = connection.getresponse()
     reply.read()
     assert reply.status == 404
@@ -83,7 +83,7 @@ def test_a_taken_port_is_said_so(server):
 
 def test_other_pages_may_not_ask(server, connection):
     for origin, status in ((f"http://127.0.0.1:{server.server_port}", 200), ("https://elsewhere.example", 403)):
-        connection.request("GET", "/", headers={"Origin": origin})
+        connection.request("GET", server.root, headers={"Origin": origin})
         reply = connection.getresponse()
         reply.read()
         assert reply.status == status
@@ -107,17 +107,27 @@ def test_the_page_needs_nothing_from_elsewhere():
         ("/api/run", "{}", 404, "no such question"),
     ],
 )
-def test_only_a_campaign_may_be_asked_about(connection, path, question, status, words):
-    connection.request("POST", path, question, {"Content-Type": "application/json"})
+def test_only_a_campaign_may_be_asked_about(server, connection, path, question, status, words):
+    connection.request("POST", server.root + path[1:], question, {"Content-Type": "application/json"})
     reply = connection.getresponse()
     assert reply.status == status and words in json.loads(reply.read())["problem"]
 
 
-def test_a_campaign_that_cannot_be_questioned_is_told_why(connection):
-    connection.request("POST", "/api/diagnose", '{"campaign.toml": "ground = 3"}', {"Content-Type": "application/json"})
+@pytest.mark.parametrize(("verb", "path"), [("GET", "/"), ("GET", "/main.js"), ("POST", "/api/diagnose")])
+def test_who_does_not_know_the_address_is_not_answered(connection, verb, path):
+    """Other users of the machine reach the port, too."""
+    body, head = ("{}", {"Content-Type": "application/json"}) if verb == "POST" else (None, {})
+    connection.request(verb, path, body, head)
+    reply = connection.getresponse()
+    assert reply.status == 403 and b"secret part" in reply.read()
+
+
+def test_a_campaign_that_cannot_be_questioned_is_told_why(server, connection):
+    place = server.root + "api/diagnose"
+    connection.request("POST", place, '{"campaign.toml": "ground = 3"}', {"Content-Type": "application/json"})
     reply = connection.getresponse()
     assert reply.status == 400 and "no experiment folders" in json.loads(reply.read())["problem"]
-    connection.request("POST", "/api/diagnose", "{}", {"Content-Type": "text/plain"})
+    connection.request("POST", place, "{}", {"Content-Type": "text/plain"})
     assert connection.getresponse().status == 415
 
 
@@ -364,6 +374,22 @@ def test_a_saved_jump_comes_back(open_page):
     until(page, "document.querySelectorAll('#saved li').length === 0")
 
 
+def test_one_button_sets_a_lesson(open_page):
+    """Whatever was set before: ground, robot, jump and challenge; and the page says why its g is not 9.81."""
+    page = open_page(reduced_motion="reduce", locale="en")
+    page.locator("label", has_text="Sand").first.click()
+    for lesson, kind, task in (
+        ("push", "single", "beat"),
+        ("gravity", "stutter", "power"),
+        ("missing", "stutter", "sealed"),
+    ):
+        page.locator("#s-gravity-n").fill("5")
+        page.locator(f"[data-lesson={lesson}]").click()
+        assert page.input_value("#challenge") == task and page.input_value("#s-gravity-n") == "2.708"
+        assert page.is_checked(f"input[value={kind}]") and page.is_checked("input[value=hard]")
+    assert "0.276 of gravity" in page.inner_text("#controls .why")
+
+
 def test_challenges_are_judged_by_the_numbers(open_page):
     page = open_page(reduced_motion="reduce")
     page.locator("#challenge").select_option("beat")
@@ -399,12 +425,12 @@ def test_a_sealed_world_is_recorded_judged_and_linked(open_page):
     assert "noise alone: 0.20" in page.inner_text("#sealed")
     page.locator("#said").select_option("tilt")
     page.locator("[data-do=open_seal]").click()
-    until(page, "document.querySelector('#judged').textContent.includes('speak against it')")
+    until(page, "document.querySelector('#judged').textContent.includes('contradict it')")
     assert "Hidden was: a loss at landing, +0.376" in page.inner_text("#judged")
     assert page.inner_text(".evidence dt").startswith("a loss at landing, +0.37")
     page.wait_for_timeout(400)
     other = open_page(link=page.evaluate("location.hash"), reduced_motion="reduce")
-    until(other, "document.querySelector('#judged').textContent.includes('speak against it')")
+    until(other, "document.querySelector('#judged').textContent.includes('contradict it')")
     assert other.locator("[data-do=pick]").count() == 2
 
 
@@ -421,9 +447,9 @@ def test_a_served_world_is_questioned_by_the_diagnosis(open_page):
     page = open_page(link=link, reduced_motion="reduce")
     page.locator("[data-do=diagnose]").click()
     page.wait_for_timeout(100)
-    assert "is at work" in page.inner_text("#diagnosis")
+    assert "is running" in page.inner_text("#diagnosis")
     deadline = time.monotonic() + 300
-    while "is at work" in page.inner_text("#diagnosis"):
+    while "is running" in page.inner_text("#diagnosis"):
         assert time.monotonic() < deadline
         page.wait_for_timeout(200)
     assert page.inner_text("#diagnosis") == "jumpvision diagnose names: a loss at landing."

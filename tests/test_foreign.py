@@ -146,7 +146,11 @@ def test_a_curved_ridge_is_followed_to_its_ends():
     )
     found = jv.diagnose([jv.Recording("one", t, y)], study)
     (doubt,) = found.doubts
-    assert doubt.kind == "cannot tell" and set(doubt.names) == {"a", "b"} and "cannot tell them apart" in found.sentence
+    assert (
+        doubt.kind == "cannot tell"
+        and set(doubt.names) == {"a", "b"}
+        and "cannot determine them separately" in found.sentence
+    )
     for name in "ab":
         assert found.fitted[name].low < 0.65 and found.fitted[name].high > 4.8
 

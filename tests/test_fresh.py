@@ -81,3 +81,11 @@ def test_a_diagnosis_of_two_arrays(fresh, tmp_path):
     noise = 2e-4 * rng.standard_normal((2, t.size))
     np.savetxt(tmp_path / "two.csv", np.column_stack([t, 1.0 - fall + noise[0], 2.0 - fall + noise[1]]), delimiter=",")
     assert fresh(DIAGNOSE, tmp_path) == ["discrepant"]
+
+
+def test_the_guides_read_by_hand(tmp_path):
+    """Their commands in one shell, and what a user does beside them; the first result of each within a minute."""
+    command = [sys.executable, "-m", "benchmarks.reader", "--keep", str(tmp_path)]
+    command += ["--pages", "beside the pages,README,tutorial,velocity_fields,any_simulator,workbench"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout[:3000] + done.stderr[-3000:]

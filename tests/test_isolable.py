@@ -52,15 +52,15 @@ def planned():
 
 
 def test_causes_with_one_effect_are_twins(planned):
-    rows = planned.table["cannot be told from"]
+    rows = planned.table["not distinguishable from"]
     assert "twin" in rows["bend"] and "bend" in rows["twin"]
     assert "twin" not in rows["lift"]
-    assert "cannot be told apart from another by these" in planned.sentence
+    assert "cannot be distinguished from another by these" in planned.sentence
 
 
 def test_what_the_fit_makes_itself_shows_nowhere(planned):
-    assert planned.table["shows from"]["ghost"] == "nothing in its range shows"
-    assert "nothing in its range would show: ghost" in planned.sentence
+    assert planned.table["shows from"]["ghost"] == "no value in its range would show"
+    assert "no value in their range would show: ghost" in planned.sentence
 
 
 @pytest.mark.parametrize("share, least, most", [(1.0, 31, 40), (0.25, 0, 9)])
@@ -76,7 +76,7 @@ def test_the_strength_that_shows_is_found_with_its_power(share, least, most):
 
 def test_a_drift_over_the_recordings_is_a_row(planned):
     assert {"drift of a", "drift of b", "drift of scale"} <= set(planned.table.index)
-    assert planned.table["shows from"]["drift of input up"] == "nothing in its range shows"  # without a lift
+    assert planned.table["shows from"]["drift of input up"] == "no value in its range would show"  # without a lift
 
 
 def test_noise_is_stated_where_nothing_is_recorded():

@@ -133,7 +133,7 @@ def test_the_same_errors_whatever_the_format(tmp_path, ending, fault):
     (said,) = e.value.problems
     assert str(file) in said
     words = {
-        "nan": "row 5, position_m = 'nan': must be a finite number; mend the value or delete the row",
+        "nan": "row 5, position_m = 'nan': must be a finite number; correct the value or delete the row",
         "back": "row 5, time_s = 0 after 0.512: time goes back; it must increase",
         "missing": "column position_m missing; the header is ",
         "short": "5 rows; at least 8 are needed",

@@ -125,7 +125,7 @@ def test_the_sentence_says_what_a_named_mechanism_leaves():
                   left_over=LeftOver(1.9, 0.0035, 4.0))  # fmt: skip
     text = sentence(d)
     assert "lacks dry friction on the rail" in text
-    assert "in part because it lacks dry friction on the rail, and 0.35 % of the discrepancy (in chi^2) stays" in text
+    assert "in part because it lacks dry friction on the rail, and 0.35 % of the discrepancy (in chi^2) remains" in text
     assert "intervals are 4 times wider for it" in text
     assert text.endswith("a force like v_m*x_r describes it (rod: |x_r| 0-9 mm).")
     assert "stays" not in sentence(replace(d, status="complete", left_over=None, unexplained=None))

@@ -270,7 +270,7 @@ def test_a_strength_is_said_in_the_unit_of_its_size(value, unit, shown):
 def test_half_a_foot_is_said_where_its_mass_stands():
     mass = Fits({"added_mass_kg": Estimate(0.073, 0.001, "kg", 7, math.nan)})
     assert [experiment_words(None, UNKNOWN, mass, whole=w)[1][0][2] for w in (False, True)] == [
-        "grains that move with the foot, at most (half foot, as filmed)",
+        "grains that move with the foot, at most (half foot, as filmed; the whole foot moves twice as much, 146 g)",
         "grains that move with the foot, at most (whole foot)",
     ]
 
@@ -677,6 +677,24 @@ def test_residuals_have_ticks_to_be_read_by(pages, open_page):
     page = open_page(pages / "stutter-1" / REPORT)
     across = "[...document.querySelectorAll('.plot')].map(p => p.querySelectorAll('path.grid[d*=H]').length)"
     assert min(page.evaluate(across)) >= 3
+
+
+def test_what_is_named_stands_first_among_the_explanations():
+    """Though another leaves less, as one with more parameters does."""
+    from types import SimpleNamespace as Said
+
+    from matplotlib.figure import Figure
+
+    from jumpvision.report.figures.diagnosis import _causes
+
+    def tried(name, chi2):
+        return Said(mechanisms=(name,), fit=Said(chi2=chi2, residuals=[np.zeros(100)]))
+
+    others = [tried(f"other_{k}", 50.0 + k) for k in range(9)]
+    best = tried("dry_friction", 99.0)
+    axes = Figure().subplots()
+    _causes(axes, Said(naming=Said(tried=(*others, best), best=best, named=("dry_friction",)), problem=None))
+    assert next(x.get_text() for x in axes.get_yticklabels()) == "dry friction" and len(axes.patches) == 7
 
 
 def test_a_long_name_beside_a_bar_is_cut_and_no_mechanism_is():

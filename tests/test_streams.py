@@ -137,3 +137,13 @@ def test_a_shipped_pipeline_has_a_name(tmp_path, monkeypatch):
         read_pipeline(Path("piv_onl"))
     (tmp_path / "piv_only").write_text('stages = ["track"]\n')
     assert read_pipeline(Path("piv_only")).stages == ("track",)
+
+
+def test_results_of_a_sample_lie_beside_the_samples(tmp_path):
+    from jumpvision.experiment.campaign.folder import results_of
+
+    samples = tmp_path / "data_samples"
+    for inside, name in (("hard_ground", "hard_ground"), ("loose_sand/stutter-7.0Hz-film", "stutter-7.0Hz-film")):
+        assert results_of(samples / inside) == tmp_path / "results" / name
+    assert results_of(samples) == tmp_path / "results" / "data_samples"
+    assert results_of(tmp_path / "mine" / "jump") == tmp_path / "mine" / "results" / "jump"

@@ -187,7 +187,7 @@ def test_the_drag_is_fitted_to_jumps_on_beds_of_measured_packing_and_an_override
         assert (np.abs(data.value - truth) < 4.0 * data.value_sigma + 0.01 * truth).all()  # 1 %: the law of k1 is off
     assert main([*call, str(tmp_path / "o"), "--set", "bed.volume_fraction=0.6"]) == 0
     told = capsys.readouterr().err
-    assert told.count("[bed] volume_fraction = 0.6 goes before 0.5") == 2
+    assert told.count("[bed] volume_fraction = 0.6 overrides 0.5") == 2
     one = tmp_path / "jumps" / "single-8Hz-phi0.57-1"
     robot = setup_of("granular", one, {})
     assert robot.values["phi"] == pytest.approx(0.57, abs=1e-3) and robot.phi_sigma > 0.0

@@ -138,12 +138,12 @@ def test_a_model_that_agrees_where_a_number_scatters():
 def test_beside_it_a_mechanism_or_more_that_is_left():
     left = LeftOver(3.0, 0.02, 1.0, ("jump-3", "jump-9", "jump-2"))
     d = diagnosis(varies=(DAY,), named=("coulomb_friction",), status="complete")
-    first, then = sentence(d).split(". Beside that it lacks ")
+    first, then = sentence(d).split(". In addition it lacks ")
     assert first.startswith("The scale of the camera is 4.0 %") and then == "dry friction on the rail."
     partial = sentence(diagnosis(varies=(DAY,), status="partial", left_over=left))
     assert partial.endswith(
-        "; 2 % of the discrepancy (in chi^2) stays beyond the noise; what is left has no simple form: look at jump-3, "
-        "jump-9 and jump-2."
+        "; 2 % of the discrepancy (in chi^2) remains beyond the noise; what is left has no simple form: look at "
+        "jump-3, jump-9 and jump-2."
     )
 
 
@@ -161,7 +161,7 @@ def test_generic_forces_are_said_in_its_place_where_they_are_worth_it():
 
 
 def test_nothing_likelier_than_chance_has_nowhere_to_look():
-    assert "no cause is likelier than chance" in sentence(diagnosis(left_over=LeftOver(1.2, 1.0, 1.0)))
+    assert "no cause is more likely than chance" in sentence(diagnosis(left_over=LeftOver(1.2, 1.0, 1.0)))
 
 
 def test_a_study_says_it_in_its_own_words():

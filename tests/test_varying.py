@@ -204,7 +204,7 @@ def test_what_recordings_could_tell_is_said_before_they_are_made(capsys):
     said = json.loads(capsys.readouterr().out)
     rows = {row["cause"]: row for row in said["isolable"]}
     assert said["jumps"] >= 4 and {"viscous_friction", "drift of spring_stiffness", "drift of scale"} <= set(rows)
-    twins = rows["drift of clock_offset"]["cannot be told from"]  # a clock that is late by more and more also runs slow
+    twins = rows["drift of clock_offset"]["not distinguishable from"]  # late by more and more: slow
     assert "drift of clock_rate" in twins
     assert not any("nan" in text for row in said["isolable"] for text in row.values())
 

@@ -98,7 +98,7 @@ class LocalHandler(BaseHTTPRequestHandler):
         root, begin = self.server.root, self.path[: len(self.server.root)]
         if not secrets.compare_digest(begin.encode(), root.encode()):
             self.close_connection = True
-            raise Refused(403, "this address lacks its secret part; open the one that the terminal says")
+            raise Refused(403, "the secret part of this address is missing; open the address that the terminal shows")
         return self.path[len(root) - 1 :]
 
     @property

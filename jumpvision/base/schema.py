@@ -36,9 +36,9 @@ class InputError(ValueError):
 KINDS: Mapping[str, str] = {
     "unit": "a value that is right in another unit",
     "sign": "upside down, negated, or 0 and 1 exchanged",
-    "clock": "recordings that do not meet in time, or run at different rates",
+    "clock": "recordings that do not overlap in time, or run at different rates",
     "scale": "a motion too fast or too slow for gravity: scale, frame rate or tilt",
-    "differs": "two recordings, or a recording and what is declared, tell different values",
+    "differs": "two recordings, or a recording and what is declared, disagree",
     "copy": "the same recording twice",
     "place": "marks, feet or floors outside the picture, or off their places",
     "name": "a folder that is named after another jump",

@@ -143,7 +143,7 @@ def recall(cache: Path, kind: str, about: Path) -> Json:
     """What was remembered. Raises OSError or ValueError where there is nothing, or it is damaged or of another path."""
     found = unsealed(memory(cache, kind, about).read_text(encoding="utf-8"))
     if found["about"] != str(about.absolute()):
-        raise ValueError(f"it is about {found['about']}")
+        raise ValueError(f"it belongs to {found['about']}")
     return dict(found)
 
 

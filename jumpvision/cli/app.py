@@ -34,7 +34,10 @@ def option(help: str, group: str | None = None, negative: str | None = None) -> 
 class Options:
     """Options of every command that works on a folder."""
 
-    results: Annotated[Path | None, Parameter(help="Folder for results; default: results/NAME beside PATH.")] = None
+    results: Annotated[
+        Path | None,
+        Parameter(help="Folder for results; default: results/NAME beside PATH, of a sample beside data_samples."),
+    ] = None
     cache: Annotated[Path | None, Parameter(help="Folder for intermediate results; default: RESULTS/.cache.")] = None
     set: Annotated[
         tuple[str, ...],

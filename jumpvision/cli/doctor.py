@@ -24,7 +24,7 @@ def doctor(path: Path = Path("."), /, *, json: bool = False) -> int:
     Parameters
     ----------
     path
-        Where results are to lie.
+        Folder for results.
     json
         Machine-readable result on stdout.
     """
@@ -125,7 +125,7 @@ def disk(folder: Path) -> list[Finding]:
     from jumpvision.base.schema import InputError
 
     if not folder.is_dir():
-        raise InputError([f"doctor {folder}: no such folder; name the one that results are to lie in"])
+        raise InputError([f"doctor {folder}: no such folder; name the folder for results"])
     out = []
     temporary = Path(tempfile.gettempdir())
     places = (("results and cache", folder, "--results, --cache"), ("temporary files", temporary, "TMPDIR"))

@@ -22,7 +22,7 @@ SEED = 1  # of what the laboratory records, beside the number of the folder
 
 
 _rule = partial(option, group="When to stop, what it costs", negative="")
-_beside = partial(option, group="What is offered beside the usual jumps", negative="")
+_beside = partial(option, group="Experiments beyond the usual jumps", negative="")
 
 
 @Parameter(name="*")
@@ -31,7 +31,7 @@ class RuleOptions:
     """When an exploration ends, and what its experiments cost."""
 
     level: Annotated[float, _rule("Probability at which a cause is decided.")] = 0.95
-    least: Annotated[float, _rule("Bits that an experiment must be expected to bring for a cost of 1.")] = 0.02
+    least: Annotated[float, _rule("Least information [bits] expected of an experiment for a cost of 1.")] = 0.02
     most: Annotated[int, _rule("Experiments in all.")] = 12
     batch: Annotated[int, _rule("Experiments at a time.")] = 1
     cost: Annotated[
@@ -41,8 +41,8 @@ class RuleOptions:
     elsewhere: Annotated[
         tuple[str, ...],
         _beside(
-            "A bed, foot or spring that the campaign has not: settings of [bed] and [robot], comma apart, e.g. "
-            "bed.volume_fraction=0.6; may be repeated."
+            "A bed, foot or spring that the campaign does not have: settings of [bed] and [robot], with commas "
+            "between, e.g. bed.volume_fraction=0.6; may be repeated."
         ),
     ] = ()
     motion: Annotated[
@@ -62,7 +62,7 @@ def explore(
     rules: RuleOptions = RuleOptions(),
     options: Options = OPTIONS,
 ) -> int:
-    """The experiments that tell most of what is still open, prepared for the apparatus; run it again after each.
+    """The experiments that show most of what is still open, prepared for the apparatus; run it again after each.
 
     Writes explore.json, explore.png and explore.html among the results, and a folder for each experiment beside the
     others, with experiment.toml, protocol.toml and motor_command.csv (docs/experimenter.md).
@@ -78,9 +78,9 @@ def explore(
     lift_off
         KIND:FREQUENCY, e.g. stutter:9: the smallest amplitude that lifts off hard ground, by bisection over trials.
     before
-        A planned protocol (TOML with [[jumps]]): what it can and cannot tell, before the first jump.
+        A planned protocol (TOML with [[jumps]]): what it can and cannot show, before the first jump.
     tell
-        With --before: causes that are to be told, e.g. --tell added_mass=0.3; the shortest protocol that does.
+        With --before: causes to be separated from all others, e.g. --tell added_mass=0.3, by the shortest protocol.
     """
     from jumpvision.base.schema import InputError
 
@@ -148,7 +148,7 @@ def _asked(path: Path, options: Options) -> tuple[Question, list[Path], Path]:
     waiting = []
     for found in returned(folder_of(path)):
         if found.good:
-            terminal.line(f"{found.folder.name}: taken in")
+            terminal.line(f"{found.folder.name}: recorded, now used")
             continue
         waiting.append(found.folder)
         why = found.differs or f"waits for {', '.join(found.missing)}"
@@ -169,10 +169,10 @@ def _round(path: Path, rules: Rules, options: Options) -> list[Path]:
 
     asked, waiting, results = _asked(path, options)
     history = read_history(results)
-    terminal.line(f"explore: {len(asked.jumps)} jumps; weighing what could be done next")
+    terminal.line(f"explore: {len(asked.jumps)} jumps; comparing possible next experiments")
     history, made = continued(history, asked, rules, waiting, results, options.workers or cores())
     if waiting and history.rounds[-1].offered != rules.offered:
-        terminal.line("explore: what is offered beside the usual jumps counts once what waits is recorded or removed")
+        terminal.line("explore: --elsewhere and --motion count after the waiting experiments are recorded or removed")
     files = write_exploration(history, results, folder_of(path).absolute().name, pictures=options.pictures)
     terminal.exploration(history.rounds[-1], [*waiting, *made], [results / "explore.json", *files], options.json)
     return [*waiting, *made]
@@ -232,8 +232,10 @@ def _planned(path: Path, before: Path, tell: tuple[str, ...], options: Options) 
     rows = [
         {
             "cause": c.mechanism,
-            "shows from": f"{c.parameter} = {c.from_:.3g} {c.unit}" if math.isfinite(c.from_) else "blind",
-            "not told apart from": ", ".join(c.twins) or "-",
+            "shows from": f"{c.parameter} = {c.from_:.3g} {c.unit}"
+            if math.isfinite(c.from_)
+            else "nowhere in its range",
+            "not distinguishable from": ", ".join(c.twins) or "-",
         }
         for c in found.causes
     ]

@@ -212,7 +212,11 @@ def _share(path: Path, text: str, options: Options, pipeline: Path | None) -> in
         results, options.cache or results / ".cache", verify=options.verify, fresh=options.fresh_if_versions_differ
     )
     kept = run_share(opened, plan, "piv", share, workers=options.workers or cores())
-    what = "its pairs are kept; run without --share puts the film together" if kept else "nothing to be shared"
+    what = (
+        "its pairs are kept; run without --share puts the film together"
+        if kept
+        else "this film is not divided into shares"
+    )
     terminal.line(f"{opened.name}: share {text}: {what}")
     return DONE
 
@@ -334,7 +338,7 @@ def check(path: Path, /, *, isolable: bool = False, options: Options = OPTIONS) 
     Parameters
     ----------
     isolable:
-        Instead, from what is declared alone: which causes these jumps could show and tell apart, before any is made.
+        Instead, from what is declared alone: which causes these jumps could show and distinguish, before any is made.
     """
     if isolable:
         return _isolable(path, options)
@@ -408,7 +412,7 @@ def diagnose(
     budget
         With --simulator: most runs.
     accept
-        Write the lines that are told "to mend" into the experiments' experiment.toml, and ask again.
+        Write the suggested corrections into the experiments' experiment.toml, and diagnose again.
     """
     from jumpvision.base.schema import InputError
     from jumpvision.experiment.campaign.folder import DIAGNOSED
@@ -423,7 +427,7 @@ def diagnose(
     if consider:
         options = replace(options, set=(*options.set, f"diagnosis.consider={json.dumps(list(consider))}"))
     if simulator and accept:
-        raise InputError(["--accept: mends what this package's own simulation shows; leave out --simulator, or it"])
+        raise InputError(["--accept: corrects what this package's own simulation shows; leave out --simulator, or it"])
     if simulator:
         return _foreign(path, simulator, limit, budget, options)
     done = work(path, options, stages=DIAGNOSED, ask=True)
@@ -449,7 +453,7 @@ def _accepted(found: Diagnosis, campaign: Campaign) -> bool:
     from . import terminal
 
     if not found.suggested:
-        terminal.line("--accept: there is nothing to mend")
+        terminal.line("--accept: there is nothing to correct")
     accept(found.suggested, campaign.path)
     for x in found.suggested:
         terminal.line(f"written into {campaign.path / x.file}: {x.line}  ({x.why})")

@@ -117,10 +117,10 @@ def _beside(
     from . import terminal as show
 
     told = sorted(given & {"half_width", "depth", "foot", "stroke", "speed", "density", "restitution", "sizes"})
-    why = "the film tells it, or it is fixed beside a film; leave it out"
+    why = "with --experiment it follows from the film, or is fixed; leave it out"
     problems = [f"dem --{n.replace('_', '-')}: {why}" for n in told]
     if bed.bed != "random":
-        problems.append(f"dem --bed {bed.bed}: beside a film the bed is random, of two sizes; leave it out")
+        problems.append(f"dem --bed {bed.bed}: with --experiment the bed is random, of two sizes; leave it out")
     if problems:
         raise InputError(problems)
     results = output.results or Path("results/dem")

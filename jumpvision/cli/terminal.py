@@ -126,10 +126,10 @@ def sure(found: Diagnosis) -> list[str]:
 
     lines = []
     if not found.adequate:
-        lines.append(f"noise alone would give a misfit as large with probability {chance(found.p_value)}")
+        lines.append(f"probability of so large a misfit by noise alone: {chance(found.p_value)}")
         named = next((c for c in found.models if found.names(c)), None)
         if named:
-            lines.append(f"probability of what is named, of all that was tried: {chance(named.probability)}")
+            lines.append(f"probability of the named causes, among all that were tried: {chance(named.probability)}")
     if (g := found.gain) and found.unit:
         unit = {"1": "", "noise": " noise"}.get(found.unit, f" {found.unit}")
         held = f"{said(g.rmse_track_before_m)} -> {said(g.rmse_track_after_m)}{unit} rms"
@@ -147,7 +147,7 @@ def verdict(found: Diagnosis, campaign: Campaign) -> None:
     print(harmless("\n".join(text for text in (found.sentence, found.confirmed) if text)))
     if found.suggested:
         lines = [f"  {s.file}: {s.line}" for s in found.suggested]
-        print(harmless("\n".join(["to mend (jumpvision diagnose --accept writes it):", *lines])))
+        print(harmless("\n".join(["to correct it (jumpvision diagnose --accept writes this):", *lines])))
     if found.unit is None:
         beside_truth(found, campaign)
     if lines := sure(found):
@@ -201,7 +201,7 @@ def _next(found: Diagnosis) -> None:
     """The next experiment, where there is one."""
     if n := found.next_experiment:
         far = n.expected_log10_odds >= 6.0  # larger odds than 10^6 say nothing more
-        odds = "beyond doubt, it is expected" if far else f"odds of {said(10**n.expected_log10_odds, '.2g')} expected"
+        odds = "odds above 10^6 expected" if far else f"odds of {said(10**n.expected_log10_odds, '.2g')} expected"
         line(f"next experiment: {n.words} separates {' from '.join(n.separates)} ({odds})")
 
 
@@ -227,7 +227,7 @@ def exploration(told: Round, folders: Sequence[Path], made: list[Path], as_json:
     data = {**asdict(told), "folders": [str(f) for f in folders], "files": [str(f) for f in made]}
     result(data, rows, as_json=as_json)
     for text in told.left_out[:6]:
-        line(f"not weighed: {text}")
+        line(f"not compared: {text}")
     for p in told.proposed:
         line(f"next: {p.name} {p.said}; cost {p.cost:g}")
     if told.end:

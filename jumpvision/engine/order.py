@@ -143,7 +143,7 @@ class Order:
             return d
         self.reached(d)
         tried = len(self.problem.system.candidates)
-        self.say(f"discrepant (p = {d.detection.p_value:.2g}): asking which numbers vary")
+        self.say(f"discrepant (p = {d.detection.p_value:.2g}): looking for numbers that vary")
         if self._may_vary and any(self.problem.scattered.values()):
             from .vary import explain
 
@@ -257,7 +257,7 @@ class Order:
         """What explains all recordings but these; None where nothing does."""
         from .vary.odd import about
 
-        self.say("asking all but those that stand apart")
+        self.say("testing all recordings but those that differ")
         part, rest = self._others(apart)
         found = rest if rest.adequate else part.explain(rest)
         complete = found.adequate or (found.naming and found.naming.status == Status.COMPLETE)
@@ -287,7 +287,7 @@ class Order:
 
         naming = found.naming
         assert naming is not None
-        self.say("asking which numbers vary beside these")
+        self.say("looking for numbers that vary, with these in the model")
         for about in self._abouts(naming, wide):
             wide = self._wider(about, beside=True) or wide
             first = about is naming.best.fit

@@ -76,7 +76,7 @@ OLD_CODEC = Calibrated(
 )
 SHORTEST_WAVES = Calibrated(
     1.5,
-    f"the shortest waves that are told from those, 1 being such; {UNKNOWN}",
+    f"the shortest waves that can be separated from those, which are 1; {UNKNOWN}",
     "benchmarks/piv_sigma.py",
     "2026-11-25",
     "validate.unresolved",
@@ -84,7 +84,7 @@ SHORTEST_WAVES = Calibrated(
 FEW_NOISE = Calibrated(
     0.08,
     "by which what the fit takes of the noise, over what it leaves (`validate.fitted`), lowers the noise that the "
-    "shortest waves tell: seven flows of particles and ten families, windows 16, 24, 32, steps of a quarter and a "
+    "shortest waves show: seven flows of particles and ten families, windows 16, 24, 32, steps of a quarter and a "
     "half, seeds 11-13, 31, 32",
     "benchmarks/shear.py",
     "2026-11-25",
@@ -120,14 +120,14 @@ SCALE_NOISE = Calibrated(
 )
 CALM_PLACES = Calibrated(
     0.08,
-    f"share of the places, those that change least, by which the noise of vectors is told; {UNKNOWN}",
+    f"share of the places, those that change least, from which the noise of vectors is found; {UNKNOWN}",
     "benchmarks/piv_sigma.py",
     "2026-11-24",
     "scales.noise_factor: factor on every sigma of a field",
 )
 CALM_WORTH = Calibrated(
     2.0,
-    f"independent neighbourhoods that a factor of 1 is worth where few vectors tell; {UNKNOWN}",
+    f"independent neighbourhoods that a factor of 1 is worth where there are few vectors; {UNKNOWN}",
     "benchmarks/piv_sigma.py",
     "2026-11-24",
     "scales.noise_factor",
@@ -279,7 +279,7 @@ CONTOUR_OF_CONE = Calibrated(
     "cones; the eight of benchmarks/grain_films.py, as it seems, and these judge theta too",
     "benchmarks/grain_films.py",
     "2026-11-21",
-    "stage fit: sigma of theta_deg where the side cannot be told and the contour stands in for it",
+    "stage fit: sigma of theta_deg where the side cannot be determined and the contour is used in its place",
 )
 
 # ---- ball and marks --------------------------------------------------------------------------------------------------

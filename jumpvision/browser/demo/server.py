@@ -38,16 +38,16 @@ class Server(LocalServer):
     def __init__(self, port: int):
         self.files = page_files()
         self.asking = threading.Lock()  # one question at a time
-        super().__init__(port, Handler, "demo")
+        super().__init__(port, Handler, "demo", secret=True)
 
 
 class Handler(LocalHandler):
     server: Server
 
     def do_GET(self) -> None:
-        path = self.path.partition("?")[0]
         try:
             self.check_asker()
+            path = self.place().partition("?")[0]
         except Refused as e:
             self.send(e.status, "text/plain; charset=utf-8", e.text.encode())
             return
@@ -59,11 +59,11 @@ class Handler(LocalHandler):
     def do_POST(self) -> None:
         try:
             self.check_asker()
-            files = _campaign(self.body(LARGEST))
-            if self.path != "/api/diagnose":
-                raise Refused(404, f"{self.path}: there is no such question")
+            place, files = self.place(), _campaign(self.body(LARGEST))
+            if place != "/api/diagnose":
+                raise Refused(404, f"{place}: there is no such question")
             if not self.server.asking.acquire(blocking=False):
-                raise Refused(503, "a diagnosis is at work; ask again when it has answered")
+                raise Refused(503, "a diagnosis is running; ask again when it is finished")
             try:
                 status, answer = 200, diagnosed(files)
             finally:

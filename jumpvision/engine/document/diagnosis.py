@@ -70,7 +70,7 @@ class Diagnosis(Record):
     their noise); fitted, the parameters of the extended model; correlations of their errors; lacks, the mechanisms in
     words; runs; doubts: parameters without effect, that cannot be told, to which the simulator answers in steps;
     simulated: open-loop error of every model named; prediction: the model to predict new recordings with;
-    traces (not in the file), measured and simulated values.
+    traces, search (not in the file), measured and simulated values; the steps of the search.
     """
 
     file = FILE
@@ -114,6 +114,7 @@ class Diagnosis(Record):
     sentence: str
     confirmed: str | None
     traces: ClassVar[tuple[Trace, ...]] = ()
+    search: ClassVar[tuple[tuple[str, int, float], ...]] = ()  # a step, runs and seconds before it
 
     @property
     def adequate(self) -> bool:
@@ -184,17 +185,17 @@ class Diagnosis(Record):
         if self.adequate:
             shown = next((hidden_up_to(d) for d in self.detectable if d.mechanism == mechanism), "")
             p = said(self.p_value, ".2g")
-            agrees = f"{what}: not asked for; the simulation agrees with the recordings (p = {p})"
+            agrees = f"{what}: not needed; the simulation agrees with the recordings (p = {p})"
             return agrees + (f"; it would have shown with 90 % power from {shown}." if shown else ".")
         if tried is None:
             known = ", ".join(c.mechanism for c in self.causes)
-            return f"{what}: no model with it is likely enough for the list; it has {known or 'none'}."
+            return f"{what}: no model with it is likely enough to be listed; listed are {known or 'none'}."
         beside = f" beside {' and '.join(lacks.get(m, m) for m in tried.others)}" if tried.others else ""
         text = f"{what}: {'named' if mechanism in self.named else 'not named'}, probability {said(tried.probability)}; "
         text += f"{tried.words or 'no parameter of its own'}{beside}; "
-        text += f"log-likelihood of recordings held out {said(tried.delta_score, '+.3g')} over the model in question"
+        text += f"log-likelihood of recordings held out {said(tried.delta_score, '+.3g')} over the model under test"
         others = [lacks.get(t, t.replace("_", " ")) for t in twins if t != mechanism]
-        return text + (f"; the data cannot tell it from {' or '.join(others)}." if others else ".")
+        return text + (f"; the data cannot distinguish it from {' or '.join(others)}." if others else ".")
 
     def __repr__(self) -> str:
         lines = [self.sentence]

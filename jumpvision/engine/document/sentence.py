@@ -31,7 +31,7 @@ def sentence(d: Diagnosis, words: Words, stopped: str = "") -> str:
     if stopped and not d.causes:
         return f"{words.misses}; which mechanism it lacks is not known yet: {stopped}."
     told = _named(d, words) if d.named else _unnamed(d, words)
-    left = "the rest was not asked" if d.gain else "not tried on conditions held out"
+    left = "the rest was not tested" if d.gain else "not tried on conditions held out"
     return words.misses + told + (f"; {left}: {stopped}." if stopped else ".")
 
 
@@ -47,7 +47,7 @@ def _twins(d: Diagnosis, words: Words) -> str:
     if not d.indistinguishable:
         return ""
     twins = "; ".join(" or ".join(_listed([m], words.called) for m in t) for t in d.indistinguishable)
-    return f" (the data cannot tell apart: {twins})"
+    return f" (the data cannot distinguish: {twins})"
 
 
 def _more(d: Diagnosis) -> str:
@@ -58,15 +58,15 @@ def _more(d: Diagnosis) -> str:
         if math.isfinite(share)
         else "a part of the discrepancy"
     )
-    return f"{much} stays beyond the noise{_left(d, 'describes it')}"
+    return f"{much} remains beyond the noise{_left(d, 'describes it')}"
 
 
 def _not_constant_alone(d: Diagnosis, words: Words) -> str:
     """What is named beside numbers that vary."""
     if d.named:
-        return f"Beside that it lacks {_listed(d.named, words.lacks)}{_named_rest(d, words)}"
+        return f"In addition it lacks {_listed(d.named, words.lacks)}{_named_rest(d, words)}"
     assert d.discovered
-    return "Beside that no mechanism explains the rest" + law_in_words(d.discovered, words, "does")
+    return "In addition, no mechanism explains the rest" + law_in_words(d.discovered, words, "does")
 
 
 def _left(d: Diagnosis, does: str) -> str:
@@ -82,14 +82,14 @@ def _left(d: Diagnosis, does: str) -> str:
 def _unnamed(d: Diagnosis, words: Words) -> str:
     left_to_see = d.left_over and d.left_over.look_at
     if not (d.discovered or d.closest or d.unexplained or left_to_see):
-        return f", by so little (p = {said(d.p_value, '.2g')}) that no cause is likelier than chance"
+        return f", by so little (p = {said(d.p_value, '.2g')}) that no cause is more likely than chance"
     text = f", and no mechanism of the {words.vocabulary} explains all that it gets wrong"
     if d.discovered:
         return text + law_in_words(d.discovered, words, "does")
     if near := d.closest:
         falls = near.gain and 0.05 < near.gain.ratio < math.inf
         text += f"; the closest, {_listed(near.mechanisms, words.called)}, "
-        text += f"brings the {words.error} down {times(near.gain.ratio, '.1f')}" if near.gain and falls else "helps"
+        text += f"lowers the {words.error} {times(near.gain.ratio, '.1f')}" if near.gain and falls else "helps"
         left = (
             f" and leaves {words.size(near.rmse_track_m)}" if math.isfinite(near.rmse_track_m) else " and leaves more"
         )
@@ -109,7 +109,7 @@ def _named_rest(d: Diagnosis, words: Words) -> str:
         text += law_in_words(d.discovered, words, "explains the rest")
     if partial and d.left_over and math.isfinite(d.left_over.share):
         share = said(d.left_over.share, ".2g", 100.0)
-        text += f", and {share} % of the discrepancy (in chi^2) stays beyond the noise, unexplained"
+        text += f", and {share} % of the discrepancy (in chi^2) remains beyond the noise, unexplained"
         if WIDER < (wider := d.left_over.widened) < math.inf:
             text += f" (intervals are {said(wider, '.2g')} times wider for it)"
         text += _left(d, "describes it")

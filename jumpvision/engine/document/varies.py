@@ -25,7 +25,7 @@ def varies_in_words(v: Varies, words: Words) -> str:
         like = v.at[v.recordings[0]]
         return f"{v.recordings[0]} follows the {words.command} of {like}, not what its {words.declared_in}"
     if v.kind is Pattern.ODD and v.parameter == RECORDING:
-        return f"{some(v.recordings)} does not fit, and no single number of it explains why"
+        return f"{some(v.recordings)} does not fit, and no single number explains why"
     if v.kind is Pattern.ODD:
         return _not_driven([v], words) if v.parameter in words.drive else _far(v, words)
     if v.kind is Pattern.SCATTER:
@@ -85,7 +85,7 @@ def _level(v: Varies, words: Words) -> str:
 def _far(v: Varies, words: Words) -> str:
     """Of recordings that stand apart, with what else of theirs would do as well."""
     also = " or ".join(words.quantities.get(n) or n for n in v.also)
-    return f"{_level(v, words)} in {some(v.recordings)}{f' ({also} would do as well)' if also else ''}"
+    return f"{_level(v, words)} in {some(v.recordings)}{f' ({also} would fit as well)' if also else ''}"
 
 
 def _after(v: Varies, words: Words) -> str:

@@ -81,7 +81,7 @@ def hidden(problem: Problem, d: Findings) -> tuple[Doubt, ...]:
     asked = [m for m in system.mechanisms if not (known[m].replaces or known[m].dear or m in d.named_fit.mechanisms)]
     free = ", ".join(p.name for p in d.named_fit.parameters if not p.name.startswith(DUMMY))
     return tuple(
-        Doubt(DoubtKind.CANNOT_TELL, (m,), f"these recordings cannot tell {m} from what is fitted ({free})")
+        Doubt(DoubtKind.CANNOT_TELL, (m,), f"these recordings cannot distinguish {m} from what is fitted ({free})")
         for m in asked
         if own.get(m, 0.0) < OWN
     )
@@ -90,7 +90,7 @@ def hidden(problem: Problem, d: Findings) -> tuple[Doubt, ...]:
 def _doubt(fit: Fit, r: Ridge) -> Doubt:
     units = {p.name: f" {p.unit}" if p.unit not in ("", "1") else "" for p in fit.parameters}
     each = ", ".join(f"{n} {said(a, '.3g')} to {said(b, '.3g')}{units[n]}" for n, (a, b) in r.reach.items())
-    what = "cannot tell them apart" if len(r.reach) > 1 else "cannot tell it"
+    what = "cannot determine them separately" if len(r.reach) > 1 else "cannot determine it"
     return Doubt(DoubtKind.CANNOT_TELL, tuple(r.reach), f"these recordings {what}: {each} fit as well")
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -82,7 +83,13 @@ def diagnose(recordings: Sequence[Recording], study: Study | None, how: How | No
     runs = Runs(study, [*recordings, *_unmade(study, recordings)], how)
     try:
         system = studied(study, recordings, runs)
-        found, stopped = _asked(system, how)
+        begun, steps = time.perf_counter(), list[tuple[str, int, float]]()
+
+        def say(words: str) -> None:
+            steps.append((words, runs.count.made, time.perf_counter() - begun))
+            (how.progress or silent)(words)
+
+        found, stopped = _asked(system, say)
         asked = found.problem.system if found.problem else system
         assert isinstance(asked, Studied)
         found, ridges = (found, ()) if stopped else _with_ridges(found, asked)
@@ -94,6 +101,7 @@ def diagnose(recordings: Sequence[Recording], study: Study | None, how: How | No
         prediction = None if stopped else _prediction(found, asked)
         data = document(found, StudySpeaker(stated, alone, doubts, shown, prediction), stopped)
         object.__setattr__(data, "traces", traces(found, stated))
+        object.__setattr__(data, "search", tuple(steps))
         return data
     finally:
         runs.close()
@@ -197,7 +205,7 @@ def problem_of(system: Studied) -> Problem:
     return Problem(system, system.readings.noise, system.scatter_sigma, system.study.measured)
 
 
-def _asked(system: Studied, how: How) -> tuple[Findings, str]:
+def _asked(system: Studied, say: Callable[[str], None]) -> tuple[Findings, str]:
     """(what is found, why it is not all there could be; "" where it is)."""
     reached: list[Findings] = []
 
@@ -205,7 +213,7 @@ def _asked(system: Studied, how: How) -> tuple[Findings, str]:
         reached.append(d)
         system.runs.foresee(LOOKED if d.naming is None else NAMED)
 
-    problem, rng, say = problem_of(system), np.random.default_rng(SEED), how.progress or silent
+    problem, rng = problem_of(system), np.random.default_rng(SEED)
     order = _Asked(problem, rng, by=("kind",), say=say, reached=step)
     if system.study.forms:
         from jumpvision.engine.discovery import Laws

@@ -1,7 +1,7 @@
-"""Which causes recordings could show and tell apart, before they are made: a table from derivatives alone.
+"""Which causes recordings could show and distinguish, before they are made: a table from derivatives alone.
 
 Of every mechanism, and of every number that may drift in the order of the recordings, the strength from which it would
-show, and what it would not be told from (`identify`).
+show, and what it could not be distinguished from (`identify`).
 """
 
 from __future__ import annotations
@@ -42,14 +42,14 @@ class Isolable:
 
     @property
     def rows(self) -> list[dict[str, str]]:
-        """As a table: cause, shows from, cannot be told from."""
+        """As a table: cause, shows from, not distinguishable from."""
         return [
             {
                 "cause": c.mechanism,
                 "shows from": f"{c.parameter} {strength(c.from_)} {'' if c.unit == '1' else c.unit}".rstrip()
                 if np.isfinite(c.from_)
-                else "nothing in its range shows",
-                "cannot be told from": ", ".join(c.twins) or "-",
+                else "no value in its range would show",
+                "not distinguishable from": ", ".join(c.twins) or "-",
             }
             for c in self.causes
         ]
@@ -71,10 +71,10 @@ class Isolable:
         )
         if twins:
             said += (
-                f"; {twins} of them cannot be told apart from another by these: that needs another sensor, a test of"
+                f"; {twins} of them cannot be distinguished from another by these: that needs another sensor, a test of"
             )
             said += f" its own or other motions{self.remedy}"
-        return said + (f"; nothing in its range would show: {', '.join(blind)}" if blind else "") + "."
+        return said + (f"; no value in their range would show: {', '.join(blind)}" if blind else "") + "."
 
     def __repr__(self) -> str:
         return f"{self.sentence}\n{self.table.to_string()}"
@@ -84,7 +84,7 @@ class Isolable:
 
 
 def isolable(problem: Problem) -> Sequence[Shown]:
-    """What the recordings of a problem tell of its mechanisms, and of drifts of its numbers."""
+    """What the recordings of a problem can show of its mechanisms, and of drifts of its numbers."""
     system = problem.system
     assert isinstance(system, Varying)
     drifts = _drifts(system) if len(problem.all) > 1 else []

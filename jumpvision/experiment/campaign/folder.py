@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
     from .diagnose import Begun, Draw
 
+SAMPLES = "data_samples"  # folder of the samples, into which nothing is written
 DIAGNOSED = ("rod", "bed", "flow", "fit", "doubts")  # stages whose results a diagnosis reads, or whose doubts it says
 
 
@@ -82,8 +83,9 @@ class Run:
 
 
 def results_of(path: Path) -> Path:
-    """Where results lie by default: results/NAME beside the folder."""
-    return path.absolute().parent / "results" / path.absolute().name
+    """Where results lie by default: results/NAME beside the folder, of samples beside all samples."""
+    samples = [p for p in path.absolute().parents if p.name == SAMPLES]
+    return (samples[-1].parent if samples else path.absolute().parent) / "results" / path.absolute().name
 
 
 def as_campaign(opened: Experiment | Campaign) -> Campaign:

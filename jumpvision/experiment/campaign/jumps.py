@@ -79,7 +79,7 @@ def load_jumps(
     for e in experiments:
         if sand and e.ground == "hard" and e.section(ModelSpec) is None:
             left_out.append(
-                f"{e.name}: on hard ground, in a campaign on sand; with a [model] it is asked beside the others"
+                f"{e.name}: on hard ground, in a campaign on sand; with a [model] it is tested with the others"
             )
             continue
         like = first.setdefault(e.ground, e)

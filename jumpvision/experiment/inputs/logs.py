@@ -58,7 +58,7 @@ def read_log(
             more = f" (and {bad.size - 1} rows more)" if bad.size > 1 else ""
             problems.append(
                 f"{path}: row {bad[0] + 1}, {channel.name} = '{cells.iloc[bad[0]]}'{more}: must be a finite number; "
-                "mend the value or delete the row"
+                "correct the value or delete the row"
             )
         out[c] = values * _factor(path, c, channel)
     time = out[columns[0]]

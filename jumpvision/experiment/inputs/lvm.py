@@ -249,7 +249,7 @@ def _step(text: str) -> tuple[float, str]:
         )
     rate = math.floor(high)
     note = f"Delta_X = {text} s is rounded: timed by {rate} Hz, the one whole rate that is written so"
-    return 1.0 / rate, f"{note}; rate = ... (1/s) goes before it"
+    return 1.0 / rate, f"{note}; rate = ... (1/s) overrides it"
 
 
 def _half_digit(text: str) -> float:

@@ -288,7 +288,7 @@ class TimedLog(LogSection):
     """A log against time."""
 
     start: float = param(0.0, "s", "of the log's time 0 on the common clock", lo=-1e6, hi=1e9)
-    rate: float | None = _rate("of the rows of a log without a column of times; goes before the rate that a file gives")
+    rate: float | None = _rate("of the rows of a log without a column of times; overrides the rate that a file gives")
 
 
 @dataclass(frozen=True)
@@ -303,7 +303,7 @@ class RodTrack(TimedLog):
 
 
 class RodCorrections(LogSection):
-    """frame,x_px,y_px,sigma_px: where a person says that the ball of [rod_video] is; it goes before what was found."""
+    """frame,x_px,y_px,sigma_px: where a person says that the ball of [rod_video] is; it overrides what was found."""
 
     name = "rod_corrections"
     knows = ("frame", "x_px", "y_px", "sigma_px")

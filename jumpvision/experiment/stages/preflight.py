@@ -424,7 +424,7 @@ def _places(e: Experiment, found: Found) -> Iterator[StageWarning]:
                 if turned and not section.axes:
                     found.problems.append(
                         f"{section.path}: {what} = {x:g}, {y:g} (column, row) lies outside [{name}] of {columns} x "
-                        f'{rows} px: give axes = "frame,column,row" (MATLAB\'s h5write), or mend it'
+                        f'{rows} px: give axes = "frame,column,row" (MATLAB\'s h5write), or correct it'
                     )
                     continue
                 said = (

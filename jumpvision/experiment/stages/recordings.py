@@ -79,7 +79,7 @@ def _refuse_outside(film: Film, section: Filmed) -> None:
             film.close()
             raise FrameError(
                 f"{section.path}: [{section.name}] {key} = {value:g}: outside its pictures of {rows} rows x {columns} "
-                'columns as the data set is read; give axes = "frame,column,row" (MATLAB\'s h5write), or mend it'
+                'columns as the data set is read; give axes = "frame,column,row" (MATLAB\'s h5write), or correct it'
             )
 
 

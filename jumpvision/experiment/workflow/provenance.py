@@ -110,7 +110,7 @@ def _put_by(file: Path) -> str:
     while name.exists():
         name = name.with_name(name.name + ".old")
     file.rename(name)
-    return f"{file}: of an earlier run and changed since; it is no result of this one and was put by as {name.name}"
+    return f"{file}: of an earlier run and changed since; it is no result of this one and was renamed to {name.name}"
 
 
 def _is(file: Path, digest: str | None) -> bool:

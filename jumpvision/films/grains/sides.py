@@ -268,7 +268,7 @@ def cone_side(
         return _none(n, "the vectors do not determine the side's angle")
     fitted, sharper = solved(np.append(p, math.log(blur)), None)[0], solved(p, blur / SHARPER)[0]
     if not (STEEP[0] < fitted[0] < STEEP[1] and STEEP[0] < sharper[0] < STEEP[1]):
-        return _none(n, "the side cannot be told from a blurred one")
+        return _none(n, "the side cannot be distinguished from a blurred one")
     shifts = float(fitted[0] - p[0]), float(sharper[0] - p[0])
     return ConeSide(
         float(p[0]), angle_sigma, *shifts, float(p[1]), radius_sigma, float(p[2]), math.exp(fitted[10]), n, chi2

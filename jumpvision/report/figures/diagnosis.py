@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Z95
 from jumpvision.engine.detect import LEVEL
-from jumpvision.engine.document.diagnosis import Diagnosis
+from jumpvision.engine.document.diagnosis import Diagnosis, chance
 from jumpvision.engine.document.document import titles
 from jumpvision.engine.document.values import Cell, Discovered, Varies
 from jumpvision.engine.laws.expression import parse
@@ -48,23 +48,32 @@ CYCLE = (GREEN, "#56B4E9", "#E69F00", MODEL, ACCENT, MEASURED, "#F0E442", QUIET)
 
 
 def diagnosis_picture(d: Findings, system: Jumper, data: Diagnosis) -> bytes:
-    """Nine panels for a discrepant model, three for an adequate one; (h) is of the jump in (b). Below: what varies."""
+    """First heights, the worst residual and its explanations (for an adequate model: where), then what varies; the
+    details below. The missing force is that of the jump in (b)."""
     with styled() as Figure:
         extended, varies = bool(data.named), shown(data)
-        rows = (3 if d.naming else 1) + (1 if varies else 0)
-        figure = Figure(figsize=(12.6, 3.4 * rows + (0.4 if rows == 1 else 0.2)), layout="constrained")
-        axes = figure.subplots(rows, 3, squeeze=False).ravel()
-        _varying(axes[-3:], varies)
-        _heights(axes[0], data)
-        _track(axes[1], d, system, extended)
-        _where(figure, axes[2], data)
-        if d.naming:
-            _causes(axes[3], d)
-            _gain(axes[4], data)
-            _scores(axes[5], d)
-            _energy(axes[6], data)
-            _force(axes[7], d, system, extended)
-            _films(axes[8], data)
+        first = 2 if varies else 1
+        rows = first + (2 if d.naming else 0)
+        figure = Figure(figsize=(12.6, 3.6 * rows + 0.2), layout="constrained")
+        top, *below = figure.subfigures(
+            2 if d.naming else 1, 1, squeeze=False, height_ratios=[first, 2][: rows - first + 1]
+        )[:, 0]
+        axes = top.subplots(first, 3, squeeze=False)
+        _heights(axes[0, 0], data)
+        _track(axes[0, 1], d, system, extended)
+        if varies:
+            _varying(axes[1], varies)
+        if not d.naming:
+            _where(figure, axes[0, 2], data)
+            return png(lettered(figure))
+        _causes(axes[0, 2], d)
+        below[0].suptitle("details", x=0.01, ha="left", color=QUIET)
+        detail = below[0].subplot_mosaic([["where", "gain", "films"], ["energy", "force", "force"]])
+        _where(figure, detail["where"], data)
+        _gain(detail["gain"], data)
+        _films(detail["films"], data)
+        _energy(detail["energy"], data)
+        _force(detail["force"], d, system, extended)
         return png(lettered(figure))
 
 
@@ -110,7 +119,10 @@ def study_picture(data: Diagnosis) -> bytes:
         axes[4].set(title="error of each recording", xlabel=f"rms [{', '.join(units)}]", xscale="log")
         axes[5].set_axis_off()
         text = [f"{n} = {p}" for n, p in (data.fitted or {}).items()]
-        text += [f"held out: {data.gain.ratio:.3g} times better" if data.gain else "", f"p = {data.p_value:.2g}"]
+        text += [
+            f"held out: {data.gain.ratio:.3g} times better" if data.gain else "",
+            f"p {chance(data.p_value)}" if data.p_value < 0.001 else f"p = {data.p_value:.2g}",
+        ]
         axes[5].text(0.0, 1.0, "\n".join(x for x in text if x), va="top", transform=axes[5].transAxes)
         for ax in axes[:2]:
             ax.legend()
@@ -207,7 +219,7 @@ def beyond(cells: Sequence[Cell]) -> list[Cell]:
 
 def _causes(ax: Axes, d: Findings) -> None:
     assert d.naming
-    tried = d.naming.tried[:BARS]
+    tried = sorted(d.naming.tried, key=lambda e: e is not d.naming.best)[:BARS]
     called = titles(d)
     names = ["\n+ ".join(tick(called.get(m, m)) for m in e.mechanisms) or "baseline" for e in tried]
     score = [max(e.fit.chi2 / sum(r.size for r in e.fit.residuals), 1e-3) for e in tried]
@@ -252,21 +264,6 @@ def _gain(ax: Axes, data: Diagnosis) -> None:
     ax.set(title=f"held out: {g.ratio:.1f}× better\n({low:.1f} to {high:.1f})", ylabel="error, rms [mm]")
     ax.margins(y=0.25)
     ax.legend(loc="upper center", ncols=2)
-
-
-def _scores(ax: Axes, d: Findings) -> None:
-    """How much the baseline's residuals look like what each missing mechanism would leave."""
-    top: dict[str, float] = {}
-    for direction, z in zip(d.detection.directions, d.detection.score):
-        top[direction.mechanism] = max(top.get(direction.mechanism, 0.0), abs(float(z)))
-    names = sorted(top, key=lambda m: -top[m])[: BARS + 3]
-    ax.barh(range(len(names)), [top[m] for m in names], color=MEASURED)
-    ax.set_yticks(range(len(names)), [spoken(m) for m in names])
-    ax.invert_yaxis()
-    ax.set_xscale("log")
-    ax.axvline(3.0, color="black", lw=0.8, label="chance")
-    ax.set(title="scores on the baseline", xlabel="$|z|$")
-    under(ax)
 
 
 def _energy(ax: Axes, data: Diagnosis) -> None:

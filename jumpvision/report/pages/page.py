@@ -55,7 +55,12 @@ PICTURES = {  # file: (heading, what it shows)
     "spring.png": ("Spring", "force against displacement of the spring with its line, and what the line leaves over"),
     "fits.png": ("Fits", "fits beside the data they were made on"),
 }
-PLOTS = ("air.png", "profiles.png", "motor.png", "spring.png", "fits.png")  # lines alone: dark where the page is
+FRAMES = (
+    "track.png",
+    "bed.png",
+    "piv.png",
+    "validation.png",
+)  # hold a frame of a film: dimmed on a dark page, all others turned dark
 FILMS = {
     "track.webm": ("The ball", "film of the rod with the path of the ball drawn in"),
     "piv.webm": ("Velocity field", "the film with velocity vectors, in slow motion"),
@@ -107,6 +112,7 @@ def write_campaign(
         verdict=verdict_shown(campaign, diagnosis, truth, results / files.PICTURE) if diagnosis else None,
         noise=noise_words(diagnosis.noise) if diagnosis else "",
         confirmed=diagnosis.confirmed if diagnosis else None,
+        half_foot=half_foot(diagnosis, outcomes) if diagnosis else "",
         model=diagnosis,
         critical=drawing(critical, craters, crossing) if packed else None,
         intrusions=drawing(resistances, intruded, intrusion_laws(intruded)) if intruded else None,
@@ -117,9 +123,14 @@ def write_campaign(
         chance=typeset(coverage_words(campaign, outcomes)),
         shown=shown,
         previews=[
-            {"src": preview(shown.results / f), "heading": PICTURES.get(f, ("Intrusion", ""))[0]}
+            {
+                "src": preview(shown.results / f),
+                "heading": PICTURES.get(f, ("Intrusion", ""))[0],
+                "plot": f not in FRAMES,
+            }
             for f in PREVIEWS
             if shown is not None and (shown.results / f).exists()
+            for heading, _ in [PICTURES.get(f, ("Intrusion", ""))]
         ],
         film=moving,
         warnings=warned,
@@ -166,6 +177,19 @@ def filmed_foot(rows: list[dict[str, str]], outcomes: list[Outcome]) -> list[dic
     ]
 
 
+def half_foot(d: Diagnosis, outcomes: list[Outcome]) -> str:
+    """Why the page of a film says half the mass that its campaign does; "" where it does not."""
+    whole = {o.name: whole_disc(o.results) for o in outcomes}
+    halves = [r for r in d.confirmation if r.depth_m is not None and not whole.get(r.experiment or "", True)]
+    if not halves:
+        return ""
+    row = max(halves, key=lambda r: r.by_film)
+    return (
+        f"Masses here are of the whole foot. The film shows half a foot at the wall, so the page of {row.experiment} "
+        f"gives half as much: {5e2 * row.by_film:.3g} g."
+    )
+
+
 def write_experiment(outcome: Outcome, law: Actuation | None, back: str, receipt: str, key: str) -> None:
     """The page of one experiment. back: address of the campaign's; receipt: its provenance.json."""
     folder = outcome.results
@@ -195,7 +219,7 @@ def write_experiment(outcome: Outcome, law: Actuation | None, back: str, receipt
             if (folder / f).exists()
         ],
         pictures=[
-            {"src": inline((folder / f).read_bytes()), "heading": heading, "alt": alt, "plot": f in PLOTS}
+            {"src": inline((folder / f).read_bytes()), "heading": heading, "alt": alt, "plot": f not in FRAMES}
             for f, (heading, alt) in PICTURES.items()
             if (folder / f).exists()
         ],

@@ -63,6 +63,7 @@ def page(d: Diagnosis, png: bytes, title: str) -> str:
         adequate=d.adequate,
         correlations=correlation_rows(d),
         fitted=[{"parameter": n, "value": typeset(str(p))} for n, p in (d.fitted or {}).items()],
+        search=search_rows(d),
         runs=f"{runs.made} simulations made, {runs.kept} kept from before, {said(runs.seconds)} s" if runs else "",
         failures=runs.failures[:10] if runs else (),  # runs that are listed
     )
@@ -78,6 +79,15 @@ def facts(d: Diagnosis) -> list[tuple[str, str, str]]:
         )
     out.append((chance(d.p_value), "", "probability of such residuals by noise alone"))
     return out
+
+
+def search_rows(d: Diagnosis) -> list[dict[str, str]]:
+    """The steps of the search, when each began, and its simulations."""
+    ends = [*(runs for _, runs, _ in d.search[1:]), d.runs.made if d.runs else 0]
+    return [
+        {"step": words, "begun after [s]": said(seconds, ".1f"), "simulations": str(end - runs)}
+        for (words, runs, seconds), end in zip(d.search, ends)
+    ]
 
 
 def measured_rows(d: Diagnosis) -> list[dict[str, str]]:

@@ -103,7 +103,8 @@ def experiment_words(
         text += "."
     for name, label, unit, factor in OTHERS:
         if fit := fits.determined(name):
-            foot = f" ({WHOLE if whole else HALF})" if name == "added_mass_kg" else ""
+            twice = f"{HALF}; the whole foot moves twice as much, {2.0 * fit.value * factor:.3g} {unit}"
+            foot = f" ({WHOLE if whole else twice})" if name == "added_mass_kg" else ""
             facts.append((measured(fit.value, fit.sigma, factor), unit, label + foot))
     if (phi := summary.volume_fraction).value is not None:
         facts.append((measured(phi.value, phi.sigma), "", "volume fraction φ of the bed"))

@@ -57,12 +57,14 @@ export function build(form, page, on, isShown) {
       input.onchange = () => on.sand(value);
       return el("label", {}, input, el("span", { textContent: t(value) }));
     }));
+  const why = el("p", { className: "why", textContent: t("why_g") });
   for (const name of [...new Set(page.sliders.map((s) => s.group))]) {
     const box = el("details", { open: name === "Motor" || !narrow }, el("summary", { textContent: t(name) }));
     if (name === "Ground") box.append(sand);
     for (const r of rows.filter((r) => r.slider.group === name)) {
       if (r.slider.key === "frequency2") box.append(el("label", { className: "check" }, two, t("two")));
       box.append(r.node);
+      if (r.slider.key === "gravity") box.append(why);
     }
     form.append(box);
   }
@@ -79,6 +81,7 @@ export function build(form, page, on, isShown) {
         r.fail("");
       }
       two.checked = state.two;
+      why.hidden = state.ground !== "hard"; // on sand gravity is whole
       sand.hidden = state.ground !== "granular";
       for (const input of sand.querySelectorAll("input")) input.checked = input.value === state.sand;
     },

@@ -4,7 +4,7 @@ import { Hand } from "./hand.js";
 import page from "./page.js";
 import { problems } from "./physics/check.js";
 import { jump } from "./physics/jump.js";
-import { SEALED } from "./play/challenges.js";
+import { LESSONS, SEALED } from "./play/challenges.js";
 import { Saved } from "./play/saved.js";
 import { decode, encode, fresh, lawOf, question, take } from "./play/state.js";
 import { Energy } from "./view/energy.js";
@@ -197,6 +197,15 @@ for (const input of document.querySelectorAll("input[name=kind]")) {
     byLaw();
     controls.show(state);
     ask();
+  };
+}
+for (const button of document.querySelectorAll("button[data-lesson]")) {
+  button.onclick = () => {
+    const { kind, goal } = LESSONS[button.dataset.lesson];
+    states.hard = fresh("hard");
+    Object.assign(states.hard.set.actuation, page.grounds.hard.presets[kind]);
+    for (const input of document.querySelectorAll("input[name=ground]")) input.checked = input.value === "hard";
+    enter("hard", goal);
   };
 }
 const saved = new Saved($("saved"), follow);

@@ -177,7 +177,7 @@ def _plain(own: Toml) -> Toml:
 def _waiting(plain: Toml, kept: Toml, asked: Mapping[str, Toml], why: Sequence[str]) -> str:
     """experiment.toml with the sections `kept`, those whose files are asked for under `LIVE`."""
     files = [v["file"] for v in asked.values()]
-    head = ["# prepared by jumpvision explore: record, put the files here, say explore again", *(f"# {w}" for w in why)]
+    head = ["# prepared by jumpvision explore: record, put the files here, run explore again", *(f"# {w}" for w in why)]
     top = _lines({**plain, "exclude": f"{WAITS} {', '.join(files)}"})
     parts = ["\n".join(head) + "\n" + top, *(_table(k, v) for k, v in kept.items())]
     live = "\n".join(_table(k, v) for k, v in asked.items())
@@ -213,7 +213,7 @@ def take_in(folder: Path) -> Returned:
         tables = tomllib.loads(live)
     except tomllib.TOMLDecodeError as e:
         raise InputError(
-            [f"{file}: not valid TOML once its recordings are in: {e}; mend it, or prepare it again"]
+            [f"{file}: not valid TOML once its recordings are in: {e}; correct it, or prepare it again"]
         ) from e
     files = [v["file"] for v in tables.values() if isinstance(v, Mapping) and "file" in v]
     if missing := tuple(f for f in files if not (folder / f).exists()):

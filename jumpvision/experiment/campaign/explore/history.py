@@ -49,10 +49,10 @@ class Proposed:
     def said(self) -> str:
         """What is expected of it, in words."""
         if self.log10_odds is None:
-            odds = "its odds cannot be said: no model tried explains the jumps made"
+            odds = "its odds are unknown: no model tried explains the jumps so far"
         else:
             odds = f"odds of 10^{self.log10_odds:.1f} for the right one"
-        told = f"tells {' from '.join(self.separates)}: {self.bits:.2f} bits expected, {odds}"
+        told = f"separates {' from '.join(self.separates)}: {self.bits:.2f} bits expected, {odds}"
         return f"{self.where}; {told}" if self.where else told
 
 
@@ -132,5 +132,5 @@ def read_history(folder: Path) -> History:
         return History(tuple(rounds))
     except (ValueError, KeyError, TypeError, AttributeError) as e:
         raise InputError(
-            [f"{file}: not a record of an exploration ({e}); remove it, and the rounds are told anew"]
+            [f"{file}: not a record of an exploration ({e}); remove it, and the exploration begins anew"]
         ) from e

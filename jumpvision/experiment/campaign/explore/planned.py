@@ -125,10 +125,12 @@ class Identified:
         """In words."""
         blind = [c.mechanism for c in self.causes if not math.isfinite(c.from_)]
         out = [f"{self.jumps} jumps, {1e3 * self.noise:g} mm of noise; linear about the declared model"]
-        out += [f"blind to {', '.join(blind)}: nothing in their range would show"] if blind else []
-        out += [f"no jump offered tells {m} at {self.asked[m]:g} from {', '.join(x)}" for m, x in self.never.items()]
+        out += [f"cannot detect {', '.join(blind)}: no value in their range would show"] if blind else []
+        out += [
+            f"no offered jump separates {m} at {self.asked[m]:g} from {', '.join(x)}" for m, x in self.never.items()
+        ]
         if self.shortest:
-            end = "" if self.whole else f" (not all of it: {LONGEST} jumps are too few)"
+            end = "" if self.whole else f" (incomplete: {LONGEST} jumps are too few)"
             out.append(f"shortest protocol for {', '.join(self.asked)}{end}: {', '.join(self.shortest)}")
         return out
 

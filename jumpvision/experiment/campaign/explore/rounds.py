@@ -105,12 +105,12 @@ def next_round(asked: Question, rules: Rules, spent: int, workers: int = 1) -> R
     told = Round(names, models, causes, bits, measured=measured_by(asked), offered=rules.offered)
     open_causes = now.undecided(rules.level)
     if now.unexplained:
-        open_causes = ["what no set of the vocabulary explains (jumpvision diagnose describes it)"]
+        open_causes = ["an effect that no known cause explains (jumpvision diagnose describes it)"]
     if not open_causes:
         return _ended(told, decided(causes, rules.level))
     if spent >= rules.most:
         return _ended(
-            told, f"{spent} experiments were asked for, the most that were allowed; open: {', '.join(open_causes)}"
+            told, f"{spent} experiments were proposed, the most allowed; still open: {', '.join(open_causes)}"
         )
     proposed, left_out = proposals(asked, now, rules, min(rules.batch, rules.most - spent))
     worthy = [p for p in proposed if p.bits >= rules.least * p.cost]
@@ -119,7 +119,8 @@ def next_round(asked: Question, rules: Rules, spent: int, workers: int = 1) -> R
         said = (
             f"the best, {best.name}, would bring {best.bits:.3f} bits for a cost of {best.cost:g}" if best else "none"
         )
-        end = f"nothing left is worth its cost: {said} (asked: {rules.least:g} a jump); open: {', '.join(open_causes)}"
+        end = f"no experiment left is worth its cost: {said} (needed: {rules.least:g} a jump)"
+        end += f"; still open: {', '.join(open_causes)}"
         return _ended(told, end, left_out)
     return replace(told, proposed=tuple(worthy), left_out=tuple(left_out))
 
@@ -144,7 +145,7 @@ def proposals(asked: Question, now: Believed, rules: Rules, size: int) -> tuple[
     wider, made = offer(now.problem, now.system, ways, asked.ranges, asked.priors, asked.own)
     offered = {k: p for k, i in enumerate(made) if (p := prospect(wider, now.held, i)) is not None}
     left_out += [
-        f"{wider.system.observations[i].name}: a model cannot be followed there"
+        f"{wider.system.observations[i].name}: a model cannot be simulated there"
         for k, i in enumerate(made)
         if k not in offered
     ]
@@ -153,7 +154,9 @@ def proposals(asked: Question, now: Believed, rules: Rules, size: int) -> tuple[
     for what, (relative, cost) in OTHER.items() if rules.tests else ():
         p = measuring(now.held, relative)
         if p is None:
-            left_out.append(f"{what}: not every likely model has {', '.join(relative)} free, so it cannot be weighed")
+            left_out.append(
+                f"{what}: not every likely model has {', '.join(relative)} free, so its gain cannot be computed"
+            )
             continue
         k = len(ways) + len(others)
         offered[k], costs[k], others[k] = p, rules.costs.get(what, cost), what

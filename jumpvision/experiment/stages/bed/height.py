@@ -208,6 +208,6 @@ def contradicted(section: Bed | None, bed: BedHeight | None) -> str:
     if abs(given - seen) <= 3.0 * sigma:
         return ""
     return (
-        f"[bed] volume_fraction = {given:g} goes before {seen:.4f} ± {sigma:.2g}, which the picture of the bed shows; "
+        f"[bed] volume_fraction = {given:g} overrides {seen:.4f} ± {sigma:.2g}, which the picture of the bed shows; "
         "leave it out to use what is measured"
     )

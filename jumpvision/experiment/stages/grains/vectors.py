@@ -160,7 +160,7 @@ def speed_of(section: PivField, raw: Vectors, pixel: float, metric: bool) -> flo
         raise _problem(
             section,
             f"frame_rate = {section.frame_rate:g}: the images of a pair are {raw.pair:g} s apart by the file, "
-            f"{section.gap / section.frame_rate:g} s by frame_rate and gap; mend one of them",
+            f"{section.gap / section.frame_rate:g} s by frame_rate and gap; correct one of them",
         )
     if section.frame_rate is None:
         raise _problem(section, f"frame_rate: missing; u is in {unit} a pair of images; give frame_rate = ... (1/s)")

@@ -134,7 +134,7 @@ def _dataset(given: Measured, used: list[Prepared], laws: dict[tuple[float, floa
         "volume_fraction": of_beds([b.phi for b in used], "1", "of the bed"),
         "sigma_volume_fraction": of_beds([b.sigma for b in used], "1", "its standard uncertainty"),
         "setting_of_bed": of_beds(np.array([of[b.setting] for b in used]), "1", "index of its setting"),
-        "air_speed": of_laws([s[0] for s in laws], "m/s", "of a pulse; -1: not told"),
+        "air_speed": of_laws([s[0] for s in laws], "m/s", "of a pulse; -1: not given"),
         "shaking": of_laws([s[1] for s in laws], "m/s^2", "amplitude of the bed's acceleration"),
         "scatter": of_laws([law.scatter for law in laws.values()], "1", "standard deviation of a preparation"),
         "lack": of_laws([law.lack for law in laws.values()], "1", "what means of beds are off the law, beyond errors"),

@@ -12,6 +12,9 @@ export const CHALLENGES = {
   stick: { on: ["hard", "granular"], done: (n) => n.stuck.flight >= FLIGHT && n.stuck.bounce <= BOUNCE },
 };
 
+// What a teacher's button sets, on the thesis' robot on the hard floor: the jump to begin with and the task.
+export const LESSONS = { push: { kind: "single", goal: "beat" }, gravity: { kind: "stutter", goal: "power" }, missing: { kind: "stutter", goal: SEALED } };
+
 // "won", "not_yet" or the key of the setting that may not be changed.
 export function judge(name, numbers, state) {
   const { on, done } = CHALLENGES[name];
