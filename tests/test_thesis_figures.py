@@ -107,6 +107,8 @@ CLAIMS: dict[int, tuple[Panels, ...]] = {
     52: (
         Panels("x [mm]", "y [mm] (up)", panels=2),
         Panels("time [ms]", "of the grains, downwards [kg m/s]", series=1, points=50),
+        Panels("time from the film's first field [ms]", "[g m/s]", series=3, points=15),
+        Panels("depth of the foot [mm]", "[g]", series=3, points=15),
     ),
     53: (
         Panels("x [mm]", "y [mm]", series=1),
@@ -159,6 +161,7 @@ def rows() -> dict[int, list[str]]:
         drawn = [
             c for folder in re.findall(r"by `jumpvision run (\w+)`", text) for c in (f"run {folder}", figures(folder))
         ]
+        drawn += re.findall(r"`jumpvision (dem --experiment data_samples[^`]+)`", text)
         out[int(number)] = [command, *(f"sweep {g} --analysis {name}" for g, name in free), *drawn]
     return out
 
@@ -208,7 +211,7 @@ def carried_out(command: str, made: list[Figure]) -> list[Figure]:
         if words[0] == "run" and Path(f"{words[1]}.toml").exists() and not Path(words[1]).exists():
             assert main(["synth", f"{words[1]}.toml", words[1], "--workers", "1"]) == 0
         if words[0] == "dem":
-            words += shlex.split("--beds 1")
+            words += [] if "--beds" in words else ["--beds", "1"]
         if words[0] in ("run", "sweep"):
             words += ["--workers", "1"]
         made.clear()

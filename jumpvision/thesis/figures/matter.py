@@ -73,7 +73,8 @@ def beside_picture(films: Sequence[Film], runs: Sequence[Sequence[xr.Dataset]]) 
                 if scale is not None:
                     axis.plot(x, 1e3 * mean[name], "--", color=color, label=f"discs × {scale:.2f}")
         left.set(title="momentum of the grains, down", xlabel="time from the film's first field [ms]", ylabel="[g m/s]")
-        top = 1.6e3 * max(float(np.nanmax(f.flow.added_mass)) for f in films)  # of discs that glide on it has no bound
+        room = 1.6 if any(runs) else 1.15  # of discs that glide on it has no bound
+        top = 1e3 * room * max(float(np.nanmax(f.flow.added_mass)) for f in films)
         right.set(title="added mass", xlabel="depth of the foot [mm]", ylabel="[g]", ylim=(0, top))
         left.legend()
         return png(figure)
