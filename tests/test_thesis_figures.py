@@ -82,7 +82,11 @@ CLAIMS: dict[int, tuple[Panels, ...]] = {
         Panels("f / f_0", "amplitude A [mm]", panels=2, series=1),
     ),
     33: (Panels("α", "f / f_0", series=5, points=50), TRACES),
-    35: (Panels("body length [m]", "height / length", series=2, points=50),),
+    35: (
+        Panels("body length [m]", "height / length", series=2, points=50),
+        Panels("body length [m]", "height / length", series=3, points=44),
+        Panels("body length [m]", "height / length", series=4, points=8),
+    ),
     36: (Panels("α", "", panels=2, series=3, points=4),),
     37: (ROD, MOTOR),
     41: (Panels("superficial air speed [m/s]", "pressure", series=2, points=100),),
