@@ -388,6 +388,10 @@ def test_less_power_never_jumps_higher_and_the_limits_hold():
     height = data.com_height_m.fillna(0.0)
     assert (height.diff("power") >= 0).all() and (data.peak_power_W.fillna(0.0) <= data.power).all()
     np.testing.assert_allclose(1e3 * height.isel(power=-1), [41.0, 38.1], atol=0.06)
+    # between two frequencies too: of the single the full stroke, once that lifts off, of the stutter never less
+    amplitude = 1e3 * data.amplitude_m
+    assert (amplitude.sel(jump="single")[data.power > 0.35] > 4.0 * 0.999).all()
+    assert (amplitude.sel(jump="stutter").diff("power") > -4e-3).all()
     best = [float(x) for x in rows[0]["ours"].split(",")]
     assert best[1] / best[0] == pytest.approx(1.52, abs=0.006)
 
