@@ -182,7 +182,11 @@ def test_every_row_with_a_command_is_looked_at():
 @pytest.fixture(scope="module")
 def place(tmp_path_factory) -> Path:
     """A folder in which the page's commands are run: its files, a campaign of slow intrusions, the samples."""
-    folder = tmp_path_factory.mktemp("figures")
+    return laid_out(tmp_path_factory.mktemp("figures"))
+
+
+def laid_out(folder: Path) -> Path:
+    """The folder with what the commands need."""
     shutil.copytree(ROOT / "data_samples", folder / "data_samples")
     for page in ("figures", "laboratory"):
         text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
