@@ -8,12 +8,14 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from conftest import SAMPLES
 
 from jumpvision.cli import main
 from jumpvision.experiment.inputs.parameters import FlowParams
 from jumpvision.experiment.inputs.sections import GrainVideo, Robot
 from jumpvision.experiment.stages.grains.flow import Sums, under_the_foot
 from jumpvision.laboratory.dem.motion import Friction, discs_under_foot
+from jumpvision.report.style import kind_of
 from jumpvision.thesis.studies.sand import beside
 from jumpvision.thesis.studies.sand.disc_field import field_of_discs
 from jumpvision.thesis.studies.sand.discs import checked
@@ -76,6 +78,43 @@ def test_the_command_writes_what_the_page_says(film, tmp_path, monkeypatch):
     assert told["films"][0]["experiment"] == "plunge" and 0.7 < told["films"][0]["scale"] < 1.4
     assert {"momentum_film_kg_m_s", "added_mass_discs_kg"} < set(pd.read_csv(tmp_path / "dem.csv"))
     assert (tmp_path / "dem.png").exists()
+
+
+JUMPS = ("grain_films/single-7.0Hz", "loose_sand/stutter-7.0Hz-film", "grain_films/delayed_stutter-7.0Hz")
+
+
+@pytest.mark.long
+def test_three_jumps_on_film_stand_beside_each_other(tmp_path, monkeypatch):
+    """Thesis Fig 52, right inset, against truth.json: momentum from a tenth of the peak on within 5 % of the
+    peak; the stutter moves most, and over depth all have the mass of one cone."""
+    found = {}
+    monkeypatch.setattr("jumpvision.thesis.figures.matter.png", lambda figure: found.update(figure=figure) or b"")
+    asked = [w for name in JUMPS for w in ("--experiment", str(SAMPLES / name))]
+    assert main(["dem", *asked, "--beds", "0", "--workers", "1", "--results", str(tmp_path)]) == 0
+    table = pd.read_csv(tmp_path / "dem.csv")
+    assert not any("discs" in c for c in table)
+    peaks = {}
+    for name in JUMPS:
+        one = table[table.experiment == name.partition("/")[2]]
+        true = json.loads((SAMPLES / name / "truth.json").read_text())["grain_film"]["pairs"]
+        at = {k: np.interp(one.time_s, true["time_s"], true[k]) for k in ("momentum_in_view_kg_m_s", "foot_depth_m")}
+        p, seen = at["momentum_in_view_kg_m_s"], one.momentum_film_kg_m_s
+        use = p > 0.1 * p.max()
+        assert use.sum() >= 12 and np.abs(seen - p)[use].max() < 0.05 * p.max(), name
+        # within 1.5 pixels of either camera, which all frames share: where on the foot its face lies
+        assert one.foot_depth_m.to_numpy() == pytest.approx(at["foot_depth_m"], abs=5e-4), name
+        mass = np.array(true["added_mass_in_view_kg"])
+        pushed = use & one.added_mass_film_kg.notna() & (np.interp(one.time_s, true["time_s"], mass > 0) == 1.0)
+        assert pushed.sum() >= 11, name
+        peaks[name] = p.max()
+        ours = one.added_mass_film_kg[pushed]
+        assert ours.to_numpy() == pytest.approx(np.interp(one.time_s, true["time_s"], mass)[pushed], rel=0.1), name
+    assert peaks[JUMPS[1]] > 2.0 * max(peaks[JUMPS[0]], peaks[JUMPS[2]])
+    left, right = found["figure"].axes
+    looks = [kind_of(k).color for k in ("single", "stutter", "delayed_stutter")]
+    for axis in (left, right):
+        assert [line.get_color() for line in axis.lines] == looks
+    assert np.sort(left.lines[1].get_ydata())[-1] == pytest.approx(57.7, abs=0.5)  # docs/dem.md
 
 
 @pytest.mark.parametrize(

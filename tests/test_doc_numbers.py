@@ -208,7 +208,7 @@ CLAIMS = [
     Claim(
         "hard_ground",
         r"From about ([\d.]+) W on the stutter",
-        of("hard", "power-limit", "stutter the higher one at a limit", 0),
+        of("hard", "power-limit", "stutter the higher one from a limit", 0),
     ),
     Claim(
         "hard_ground",

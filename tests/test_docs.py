@@ -96,6 +96,10 @@ ELSEWHERE |= {
 ELSEWHERE["dem --experiment data_samples/loose_sand/stutter-7.0Hz-film --diameter 0.002"] = (
     "test_dem_beside.test_the_command_writes_what_the_page_says"
 )
+ELSEWHERE[
+    "dem --experiment data_samples/grain_films/single-7.0Hz --experiment data_samples/loose_sand/stutter-7.0Hz-film "
+    "--experiment data_samples/grain_films/delayed_stutter-7.0Hz --beds 0"
+] = "test_dem_beside.test_three_jumps_on_film_stand_beside_each_other"
 ELSEWHERE |= {f"sweep hard --analysis {s.name}": EACH for s in studies("hard").values() if not s.of_campaign}
 ELSEWHERE["sweep hard --analysis animals --table animals.csv"] = (
     "test_sweep.test_animals_of_a_table_stand_beside_the_simulated_ones"

@@ -499,11 +499,18 @@ def test_the_filmed_jump_is_the_shipped_one(tmp_path):
     same_as_shipped(tmp_path / "a", SHIPPED / "loose_sand" / "stutter-7.0Hz-film")
 
 
+def test_the_grain_films_are_the_shipped_ones(tmp_path):
+    samples.grain_films(tmp_path / "a")
+    same_as_shipped(tmp_path / "a", SHIPPED / "grain_films")
+    names = [e.name for e in open_campaign(SHIPPED / "grain_films").experiments]
+    assert names == ["delayed_stutter-7.0Hz", "single-7.0Hz"]
+
+
 SHIPPED = Path(__file__).parents[1] / "data_samples"
 
 
 def test_shipped_samples_are_valid_small_and_complete():
-    assert sum(p.stat().st_size for p in SHIPPED.rglob("*") if p.is_file()) < 18e6
+    assert sum(p.stat().st_size for p in SHIPPED.rglob("*") if p.is_file()) < 16e6
     campaign = open_campaign(SHIPPED / "loose_sand")
     names = [e.name for e in campaign.experiments]
     assert len(names) == 25

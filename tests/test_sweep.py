@@ -32,7 +32,8 @@ from jumpvision.jumper.physics.hard.loop import LoopGains, easiest_looped, loope
 from jumpvision.jumper.physics.model import Model
 from jumpvision.jumper.physics.oscillator import best_jump
 from jumpvision.jumper.physics.sand.jump import simulate
-from jumpvision.thesis.figures.sweeps import picture
+from jumpvision.report.style import styled
+from jumpvision.thesis.figures.sweeps import picture, sweep_figure
 from jumpvision.thesis.studies.animals import HUMAN, SHIPPED
 from jumpvision.thesis.studies.axes import AXES, read_axes
 from jumpvision.thesis.studies.compute import RESULTS, write
@@ -387,6 +388,10 @@ def test_less_power_never_jumps_higher_and_the_limits_hold():
     height = data.com_height_m.fillna(0.0)
     assert (height.diff("power") >= 0).all() and (data.peak_power_W.fillna(0.0) <= data.power).all()
     np.testing.assert_allclose(1e3 * height.isel(power=-1), [41.0, 38.1], atol=0.06)
+    # between two frequencies too: of the single the full stroke, once that lifts off, of the stutter never less
+    amplitude = 1e3 * data.amplitude_m
+    assert (amplitude.sel(jump="single")[data.power > 0.35] > 4.0 * 0.999).all()
+    assert (amplitude.sel(jump="stutter").diff("power") > -4e-3).all()
     best = [float(x) for x in rows[0]["ours"].split(",")]
     assert best[1] / best[0] == pytest.approx(1.52, abs=0.006)
 
@@ -566,14 +571,36 @@ def test_animals_of_a_table_stand_beside_the_simulated_ones(tmp_path):
 
 
 def test_every_animal_that_is_shipped_has_its_source_and_the_height_that_is_told():
-    """Without a height its own (v sin(angle))^2/2g, at most v^2/2g, to the digits written."""
+    """Without a height its own (v sin(angle))^2/2g, at most v^2/2g, of a distance a quarter, to the digits written."""
     table = pd.read_csv(SHIPPED, comment="#")
-    assert (table.kind == "animal").sum() == 12 and table.animal.is_unique and table.source.str.len().min() > 20
+    assert (table.kind == "animal").sum() >= 40 and table.animal.is_unique and table.source.str.len().min() > 20
     for row in table[~table.told.str.startswith("height")].itertuples():
         up = row.take_off_m_s * (math.sin(math.radians(row.angle_deg)) if np.isfinite(row.angle_deg) else 1.0)
-        assert row._4 == pytest.approx(up**2 / (2 * 9.81), abs=6e-5), row.animal
-    data, _ = study("animals")
+        height = row.distance_m / 4 if row.told.startswith("distance") else up**2 / (2 * 9.81)
+        assert row._4 == pytest.approx(height, abs=6e-5), row.animal
+    data, rows = study("animals")
     assert data.animal_height_m.values == pytest.approx(table["height [m]"].to_numpy())
+    assert any(r["quantity"] == "animals between stutter and single" and r["ours"] == "36 of 44" for r in rows)
+
+
+def test_the_number_of_an_animal_stands_beside_its_mark_alone():
+    """As drawn: on no mark, no curve and no other number; each name stands below."""
+    from matplotlib.text import Annotation
+
+    data, _ = study("animals")
+    with styled() as Figure:
+        figure = sweep_figure(data, Figure)
+        figure.draw_without_rendering()
+        axis = figure.axes[0]
+        numbers = [a for a in axis.texts if isinstance(a, Annotation)]
+        boxes = [a.get_window_extent() for a in numbers]
+        lines = np.concatenate([axis.transData.transform(line.get_xydata()) for line in axis.lines])
+    assert len(numbers) == data.sizes["animal"]
+    for k, box in enumerate(boxes):
+        assert not any(box.contains(*p) for p in lines), numbers[k].get_text()
+        assert not any(box.overlaps(b) for b in boxes[:k]), numbers[k].get_text()
+    said = "\n".join(t.get_text() for sub in figure.subfigs for t in sub.texts)
+    assert all(f"{k} {name}" in said for k, name in enumerate(data.animal.values, start=1))
 
 
 @pytest.mark.parametrize("k", [10, 60])

@@ -82,7 +82,11 @@ CLAIMS: dict[int, tuple[Panels, ...]] = {
         Panels("f / f_0", "amplitude A [mm]", panels=2, series=1),
     ),
     33: (Panels("α", "f / f_0", series=5, points=50), TRACES),
-    35: (Panels("body length [m]", "height / length", series=2, points=50),),
+    35: (
+        Panels("body length [m]", "height / length", series=2, points=50),
+        Panels("body length [m]", "height / length", series=3, points=44),
+        Panels("body length [m]", "height / length", series=4, points=8),
+    ),
     36: (Panels("α", "", panels=2, series=3, points=4),),
     37: (ROD, MOTOR),
     41: (Panels("superficial air speed [m/s]", "pressure", series=2, points=100),),
@@ -107,6 +111,8 @@ CLAIMS: dict[int, tuple[Panels, ...]] = {
     52: (
         Panels("x [mm]", "y [mm] (up)", panels=2),
         Panels("time [ms]", "of the grains, downwards [kg m/s]", series=1, points=50),
+        Panels("time from the film's first field [ms]", "[g m/s]", series=3, points=15),
+        Panels("depth of the foot [mm]", "[g]", series=3, points=15),
     ),
     53: (
         Panels("x [mm]", "y [mm]", series=1),
@@ -159,6 +165,7 @@ def rows() -> dict[int, list[str]]:
         drawn = [
             c for folder in re.findall(r"by `jumpvision run (\w+)`", text) for c in (f"run {folder}", figures(folder))
         ]
+        drawn += re.findall(r"`jumpvision (dem --experiment data_samples[^`]+)`", text)
         out[int(number)] = [command, *(f"sweep {g} --analysis {name}" for g, name in free), *drawn]
     return out
 
@@ -175,7 +182,11 @@ def test_every_row_with_a_command_is_looked_at():
 @pytest.fixture(scope="module")
 def place(tmp_path_factory) -> Path:
     """A folder in which the page's commands are run: its files, a campaign of slow intrusions, the samples."""
-    folder = tmp_path_factory.mktemp("figures")
+    return laid_out(tmp_path_factory.mktemp("figures"))
+
+
+def laid_out(folder: Path) -> Path:
+    """The folder with what the commands need."""
     shutil.copytree(ROOT / "data_samples", folder / "data_samples")
     for page in ("figures", "laboratory"):
         text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
@@ -208,7 +219,7 @@ def carried_out(command: str, made: list[Figure]) -> list[Figure]:
         if words[0] == "run" and Path(f"{words[1]}.toml").exists() and not Path(words[1]).exists():
             assert main(["synth", f"{words[1]}.toml", words[1], "--workers", "1"]) == 0
         if words[0] == "dem":
-            words += shlex.split("--beds 1")
+            words += [] if "--beds" in words else ["--beds", "1"]
         if words[0] in ("run", "sweep"):
             words += ["--workers", "1"]
         made.clear()

@@ -141,8 +141,9 @@ def synth(
     Parameters
     ----------
     kind
-        hard_ground, loose_sand, samples (both), intrusion, or a protocol.toml of your own; blind writes a campaign
-        with a hidden effect, reveal opens its answer and scores results/OUT/diagnosis.json and explore.json.
+        hard_ground, loose_sand, grain_films, samples (all three), intrusion, or a protocol.toml of your own; blind
+        writes a campaign with a hidden effect, reveal opens its answer and scores results/OUT/diagnosis.json and
+        explore.json.
     out
         Folder to write into; what is there already is not overwritten (an interrupted protocol is taken up).
     seed

@@ -70,7 +70,7 @@ def dem(
         Folders of jumps with a film of the grains, one after another: the foot goes as filmed, and the discs' momentum
         and added mass are read as the film's are: dem.csv, dem.json, dem.png.
     beds
-        Random beds alike, one a process; their scatter is the uncertainty. A lattice has one.
+        Random beds alike, one a process; their scatter is the uncertainty. A lattice has one. 0: films alone.
     seed
         Of the first random bed.
     """
@@ -83,8 +83,9 @@ def dem(
     from . import terminal as show
 
     bed = checked({n: v for n, v in asdict(options).items() if v is not None})
-    if not 1 <= beds <= 1000 or seed < 0:
-        raise InputError([f"dem: beds = {beds} must be in [1, 1000] and seed = {seed} at least 0"])
+    least = 0 if experiment else 1
+    if not least <= beds <= 1000 or seed < 0:
+        raise InputError([f"dem: beds = {beds} must be in [{least}, 1000] and seed = {seed} at least 0"])
     if experiment:
         return _beside(experiment, bed, {n for n, v in asdict(options).items() if v is not None}, beds, seed, output)
     count = beds if bed.bed == "random" else 1

@@ -188,12 +188,13 @@ class BedImage:
 
 @dataclass(frozen=True)
 class GrainFilm:
-    """grains.mkv around the first landing and the push-off; 500 frames/s."""
+    """grains.mkv around the first landing and the push-off."""
 
     source: str = param(
         "flow", "", "grains carried by a prescribed flow, or simulated discs", choices=("flow", "discs")
     )
     frames: int = param(58, "", "number of frames", lo=2, hi=10000)
+    rate: float = param(500.0, "1/s", "frames a second", lo=0, open_lo=True)
     rows: int = param(464, "px", "height of the frames", lo=64, hi=4096)
     columns: int = param(396, "px", "width of the frames", lo=64, hi=4096)
     scale: float = param(3e-4, "m/px", "true metres per pixel", lo=0, open_lo=True)

@@ -17,7 +17,7 @@ from jumpvision.base.arrays import Array
 from jumpvision.laboratory.films.bed import bed_height, bed_picture, write_crater
 from jumpvision.laboratory.films.discs import Runner, write_disc_film
 from jumpvision.laboratory.films.flow import Cone
-from jumpvision.laboratory.films.grain_record import GRAIN_RATE, Glass, write_grain_film
+from jumpvision.laboratory.films.grain_record import Glass, write_grain_film
 from jumpvision.laboratory.films.grains import View
 from jumpvision.laboratory.films.optics import exposed, seen_places
 from jumpvision.laboratory.films.rod import write_rod_film
@@ -71,7 +71,7 @@ def of_jump(
         yield Recording({"contact_log": {"file": "contact.csv"}})
     yield from of_bed(folder, protocol, phi, parameters, rng)
     if grains := records.grain_film:
-        length = grains.frames / GRAIN_RATE + 0.01
+        length = grains.frames / grains.rate + 0.01
         if not len(motion.lift_offs) or motion.lift_offs[0] + motion.flights[0] > motion.t[-1] - length:
             yield Recording({}, {"grain_film": "none: no landing within the recording"})
             return

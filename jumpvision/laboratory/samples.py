@@ -1,4 +1,5 @@
-"""The project's sample data: `python -m jumpvision.laboratory.samples [OUT]` writes OUT/hard_ground and OUT/loose_sand.
+"""The project's sample data: `python -m jumpvision.laboratory.samples [OUT]` writes OUT/hard_ground, OUT/loose_sand
+and OUT/grain_films.
 
 Everything is drawn from one seed per experiment, so the same call writes the same bytes. What is hidden from the
 analysis stands in the truth.json files. About 20 s.
@@ -18,9 +19,10 @@ from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError, closest
 from jumpvision.laboratory.films.bed import bed_height, bed_picture
 from jumpvision.laboratory.films.flow import Cone
-from jumpvision.laboratory.films.grain_record import write_grain_film
+from jumpvision.laboratory.films.grain_record import FILM, write_grain_film
 from jumpvision.laboratory.films.optics import record
 from jumpvision.laboratory.films.rod import RodFilmTruth, exposure_times, rod_film
+from jumpvision.laboratory.protocol_keys import GrainFilm
 
 from . import recordings as logs
 from . import write
@@ -42,6 +44,9 @@ SAND_TRUTH = {"k1": 2100.0, "k2": 2100.0, "delta": 0.012, "b": 17.2, "C": 2.7, "
 SINGLE, STUTTER = (4.5, 5.5, 6.5, 7.5, 8.5, 10.0), (4.5, 5.0, 5.5, 6.0, 7.0)  # Hz; faster stutters only dig
 DELAYED, DELAY = 7.0, 0.1  # Hz, s
 START = 0.2  # s, of the motor, on the common clock
+FILMED = 7.0  # Hz, of the jumps with a film of the grains
+# the single's push-off; the delayed stutter from its first landing through the pause to the push-off
+BEGIN, FRAMES = {"single": 0.196, "delayed_stutter": 0.281}, {"single": 16, "delayed_stutter": 37}  # s
 
 
 @dataclass(frozen=True)
@@ -132,7 +137,7 @@ def loose_sand(folder: Path, *, seed: int = SEED) -> None:
     true: dict[str, Mapping[str, object]] = {}
     number = 1
     for kind, frequency, delay in conditions:
-        for trial in ("1", "2", "film") if (kind, frequency) == ("stutter", 7.0) else ("1", "2"):
+        for trial in ("1", "2", "film") if (kind, frequency) == ("stutter", FILMED) else ("1", "2"):
             group = f"{kind}-{frequency}Hz"
             name = f"{group}-{trial}"
             law = Law(frequency, 0.01875, PHASE[kind], START, delay=delay)
@@ -142,9 +147,7 @@ def loose_sand(folder: Path, *, seed: int = SEED) -> None:
     write.toml(
         folder / "campaign.toml",
         {
-            "ground": "granular",
-            "robot": _robot(SAND_ROBOT),
-            "bed": BED,
+            **_sand(),
             "model": {
                 "terms": ["two_resistance", "inertial_drag"],
                 "k1": 2100.0,
@@ -156,9 +159,64 @@ def loose_sand(folder: Path, *, seed: int = SEED) -> None:
         },
         comment="Jumps on loose poppy seeds, made by jumpvision.laboratory.samples; the truth is in truth.json.",
     )
-    hidden = {"terms": SAND_TERMS, "parameters": SAND_TRUTH, "missing_in_model": ["added_mass", "depth_drag"]}
+    hidden = _hidden() | {"missing_in_model": ["added_mass", "depth_drag"]}
     noise = {"track_m": TRACK_NOISE, "force_N": FORCE_NOISE, "encoder_m": logs.ENCODER_STEP}
     write.truth(folder / "truth.json", hidden, {"noise": noise, "experiments": true})
+
+
+def grain_films(folder: Path, *, seed: int = SEED) -> None:
+    """A single jump and a delayed stutter on the sand of loose_sand, filmed through the side wall as its stutter is,
+    with coarser pixels and half the frames a second."""
+    folder.mkdir(parents=True, exist_ok=True)
+    true: dict[str, Mapping[str, object]] = {}
+    for i, (kind, start) in enumerate(BEGIN.items()):
+        law = Law(FILMED, 0.01875, PHASE[kind], START, delay=DELAY if kind == "delayed_stutter" else 0.0)
+        rng = np.random.default_rng([seed, 100 + i])
+        jump = _sand_motion(kind, law, rng)
+        film = GrainFilm(frames=FRAMES[kind], rate=250.0, rows=304, columns=256, scale=4e-4)
+        name = f"{kind}-{FILMED}Hz"
+        (folder / name).mkdir(exist_ok=True)
+        made = [_track(folder / name, jump, rng), _grains(folder / name, jump, rng, film=film, start=start)]
+        true[name] = _written(folder / name, name, jump, made)
+    comment = (
+        "Films of the grains beside loose_sand's, made by jumpvision.laboratory.samples; the truth is in truth.json."
+    )
+    write.toml(folder / "campaign.toml", _sand(), comment=comment)
+    write.truth(folder / "truth.json", _hidden(), {"noise": {"track_m": TRACK_NOISE}, "experiments": true})
+
+
+def _sand() -> Table:
+    """What is common to all jumps on sand."""
+    return {"ground": "granular", "robot": _robot(SAND_ROBOT), "bed": BED}
+
+
+def _hidden() -> dict[str, object]:
+    return {"terms": SAND_TERMS, "parameters": SAND_TRUTH}
+
+
+@dataclass(frozen=True)
+class SandJump:
+    """A jump on a bed of its own packing."""
+
+    kind: str
+    law: Law
+    phi: float
+    parameters: Mapping[str, float]
+    motion: Motion
+
+    @property
+    def density(self) -> float:
+        """Of the bed [kg/m^3]."""
+        return self.phi * BED["grain_density"]
+
+
+def _sand_motion(kind: str, law: Law, rng: np.random.Generator) -> SandJump:
+    phi = round(0.57 + rng.uniform(-0.001, 0.001), 4)
+    k = 2100.0 * (1 + rng.uniform(-0.01, 0.01))
+    given = SAND_TRUTH | {"k1": k, "k2": k}
+    density = phi * BED["grain_density"]
+    motion = motion_of(SAND_ROBOT, law, SAND_TERMS, given, ground="granular", duration=1.8, bed_density=density)
+    return SandJump(kind, law, phi, given, motion)
 
 
 def _sand_jump(
@@ -166,47 +224,63 @@ def _sand_jump(
 ) -> Mapping[str, object]:
     """One experiment folder; returns its line of the campaign's truth."""
     folder.mkdir(exist_ok=True)
-    phi = round(0.57 + rng.uniform(-0.001, 0.001), 4)
-    k = 2100.0 * (1 + rng.uniform(-0.01, 0.01))
-    parameters = SAND_TRUTH | {"k1": k, "k2": k}
-    density = phi * BED["grain_density"]
-    motion = motion_of(SAND_ROBOT, law, SAND_TERMS, parameters, ground="granular", duration=1.8, bed_density=density)
-    known = {"volume_fraction": phi, "parameters": parameters, "z_0_m": -motion.foot[0]}
-    content: Table = {"group": group, "actuation": _actuation(kind, law)}
-    summary = brief(motion) | {"volume_fraction": phi}
-    if filmed:
-        made = _films(folder, motion, phi, rng)
-    else:
-        zero = rng.uniform(-0.05, 0.05)
-        track = logs.rod_track(motion, rate=FILM_RATE, noise=TRACK_NOISE, zero=zero, rng=rng)
-        write.table(folder / "rod_track.csv", track)
-        content["bed"] = {"volume_fraction": phi}
-        made = [Recording({"rod_track": {"file": "rod_track.csv"}}, {"camera_zero_m": zero})]
+    jump = _sand_motion(kind, law, rng)
+    made = _films(folder, jump, rng) if filmed else [_track(folder, jump, rng)]
+    log = logs.motor_log(jump.motion, rate=LOG_RATE, force_noise=FORCE_NOISE, rng=rng)
+    write.table(folder / "motor.csv", log)
+    return _written(folder, group, jump, [*made, Recording({"motor_log": {"file": "motor.csv"}})])
+
+
+def _written(folder: Path, group: str, jump: SandJump, made: list[Recording]) -> Mapping[str, object]:
+    """experiment.toml and truth.json; the jump's line of the campaign's truth."""
+    known = {"volume_fraction": jump.phi, "parameters": jump.parameters, "z_0_m": -jump.motion.foot[0]}
+    content: Table = {"group": group, "actuation": _actuation(jump.kind, jump.law)}
+    summary = brief(jump.motion) | {"volume_fraction": jump.phi}
     for recording in made:
         content |= recording.tables
         summary |= recording.summary
-    write.table(folder / "motor.csv", logs.motor_log(motion, rate=LOG_RATE, force_noise=FORCE_NOISE, rng=rng))
-    write.toml(folder / "experiment.toml", content | {"motor_log": {"file": "motor.csv"}})
-    line = write.joined(known, heights(motion))
+    write.toml(folder / "experiment.toml", content)
+    line = write.joined(known, heights(jump.motion))
     write.truth(folder / "truth.json", {"summary": summary}, line, *(recording.truth for recording in made))
     return line
 
 
-def _films(folder: Path, motion: Motion, phi: float, rng: np.random.Generator) -> list[Recording]:
+def _track(folder: Path, jump: SandJump, rng: np.random.Generator) -> Recording:
+    """The rod as a camera's own software gives it, on a bed whose packing is known."""
+    zero = rng.uniform(-0.05, 0.05)
+    track = logs.rod_track(jump.motion, rate=FILM_RATE, noise=TRACK_NOISE, zero=zero, rng=rng)
+    write.table(folder / "rod_track.csv", track)
+    tables: dict[str, Table] = {"bed": {"volume_fraction": jump.phi}, "rod_track": {"file": "rod_track.csv"}}
+    return Recording(tables, {"camera_zero_m": zero})
+
+
+def _films(folder: Path, jump: SandJump, rng: np.random.Generator) -> list[Recording]:
     """Rod film, bed picture and grain film of one jump."""
-    rod = write_rod_film(folder, motion, start=0.0025, shape=(150, 60), zero_row=33.7, rng=rng)
-    height = bed_height(phi, **{name: BED[name] for name in ("solid_volume", "length", "width")})
+    rod = write_rod_film(folder, jump.motion, start=0.0025, shape=(150, 60), zero_row=33.7, rng=rng)
+    height = bed_height(jump.phi, **{name: BED[name] for name in ("solid_volume", "length", "width")})
     mean, surface = bed_picture(
         height, scale=5e-4, floor_row=620.0, shape=(656, 420), grain_diameter=BED["grain_diameter"], rng=rng
     )
     write.picture(folder / "bed.png", record(mean, electrons_per_grey=40.0, read_noise=1.5, rng=rng))
     section: Table = {"file": "bed.png", "scale": 5e-4, "floor_row": 620.0}
     bed = Recording({"bed_image": section}, {"bed": {"height_m": height, "surface_sd_m": surface.std()}})
+    return [rod, bed, _grains(folder, jump, rng)]
+
+
+def _grains(
+    folder: Path,
+    jump: SandJump,
+    rng: np.random.Generator,
+    *,
+    film: GrainFilm = FILM,
+    start: float | None = None,
+) -> Recording:
+    """The film of the grains."""
     cone = Cone(SAND_TRUTH["mu"], SAND_TRUTH["theta"], SAND_TRUTH["C"])
     radius, diameter = SAND_ROBOT.foot_radius, BED["grain_diameter"]
-    density = phi * BED["grain_density"]
-    grains = write_grain_film(folder, motion, density, rng, radius=radius, diameter=diameter, cone=cone)
-    return [rod, bed, grains]
+    return write_grain_film(
+        folder, jump.motion, jump.density, rng, radius=radius, diameter=diameter, cone=cone, film=film, start=start
+    )
 
 
 def _robot(robot: Robot) -> Table:
@@ -219,12 +293,17 @@ def _actuation(kind: str, law: Law) -> Table:
     return out | ({"delay": law.delay} if law.delay else {})
 
 
-KINDS = {"hard_ground": hard_ground, "loose_sand": loose_sand, "intrusion": intrusion_campaign}
-SAMPLES = ("hard_ground", "loose_sand")
+KINDS = {
+    "hard_ground": hard_ground,
+    "loose_sand": loose_sand,
+    "grain_films": grain_films,
+    "intrusion": intrusion_campaign,
+}
+SAMPLES = ("hard_ground", "loose_sand", "grain_films")
 
 
 def write_samples(kind: str, out: Path, *, seed: int = SEED) -> list[Path]:
-    """Write the folders of `kind` below `out` ("samples": hard_ground and loose_sand) and return them.
+    """Write the folders of `kind` below `out` ("samples": all SAMPLES) and return them.
 
     Raises InputError for an unknown kind or a folder that exists: recordings are never written over.
     """
@@ -241,7 +320,7 @@ def write_samples(kind: str, out: Path, *, seed: int = SEED) -> list[Path]:
 
 
 def main(out: str = "data_samples") -> None:
-    """Write both samples below `out`, over those that are there."""
+    """Write the samples below `out`, over those that are there."""
     for k in SAMPLES:
         KINDS[k](Path(out) / k)
 

@@ -18,7 +18,7 @@ from jumpvision.laboratory.jumper import Motion
 from jumpvision.laboratory.protocol_keys import GrainFilm
 from jumpvision.laboratory.write import Recording
 
-from .grain_record import GRAIN_RATE, Clock, Columns, Glass, mass_at_peak, middle, start_of
+from .grain_record import Clock, Columns, Glass, mass_at_peak, middle, start_of
 from .grains import View
 from .optics import GrainCamera, exposed, texture
 
@@ -211,7 +211,7 @@ def write_disc_film(
     shape = (film.rows, film.columns)
     view = View(shape, film.scale, SURFACE_ROW, 0.5 * (shape[1] - 1))
     glass = Glass(view, camera)
-    clock = Clock(start_of(motion), film.frames, camera, rng)
+    clock = Clock(start_of(motion), film, camera, rng)
     instants = clock.shown[:, None] + (np.arange(INSTANTS) + 0.5) / INSTANTS * EXPOSURE
     begin = float(instants[0, 0]) - 1e-3
     extent = max(BED * 0.5 * glass.wide.shape[1] * film.scale, 1.5 * radius)
@@ -240,7 +240,7 @@ def write_disc_film(
         rng=rng,
     )
     frames = np.stack([exposed(glass(draw.frame(*at)), camera, rng, bright=True) for at in zip(x, y, face)])
-    write.movie(folder / "grains.mkv", frames, rate=GRAIN_RATE, numbers=clock.number, bits=camera.bits)
+    write.movie(folder / "grains.mkv", frames, rate=film.rate, numbers=clock.number, bits=camera.bits)
 
     k = INSTANTS // 2
     time, shown = clock.stamp + 0.5 * EXPOSURE, clock.shown + 0.5 * EXPOSURE
@@ -263,7 +263,7 @@ def write_disc_film(
             "added_mass_in_view_kg": mass,
         },
     )
-    tables = glass.tables(-float(face[0, k]), start_of(motion), camera)
+    tables = glass.tables(-float(face[0, k]), start_of(motion), film.rate, camera)
     return Recording(tables, {"grain_film": true}, {"added_mass_kg": mass_at_peak(true.pairs)})
 
 

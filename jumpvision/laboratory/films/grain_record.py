@@ -20,7 +20,6 @@ from .flow import Cone, Flow
 from .grains import GrainScene, QuickGrainScene, View
 from .optics import BedCamera, GrainCamera, distorted, exposed, lens_of, margin, reflection, seen_places, shade
 
-GRAIN_RATE = 500.0  # 1/s
 CONE, FILM, GOOD = Cone(), GrainFilm(), GrainCamera()  # of the samples
 Columns = dict[str, NDArray[Any]]
 
@@ -51,11 +50,11 @@ class Clock:
     """Which frames of a film were kept and when they were taken: number (n,), the stamp of their exposure's begin and
     the time it shows (n,) [s]."""
 
-    def __init__(self, start: float, n: int, camera: GrainCamera, rng: np.random.Generator):
-        lost = rng.random(n) < camera.dropped if camera.dropped else np.zeros(n, bool)
+    def __init__(self, start: float, film: GrainFilm, camera: GrainCamera, rng: np.random.Generator):
+        lost = rng.random(film.frames) < camera.dropped if camera.dropped else np.zeros(film.frames, bool)
         lost[0] = False
         self.number = np.flatnonzero(~lost)
-        self.stamp: Array = start + self.number / GRAIN_RATE
+        self.stamp: Array = start + self.number / film.rate
         self.shown: Array = self.stamp + camera.clock_offset + camera.clock_drift * self.stamp
         faulty = bool(camera.clock_offset or camera.clock_drift)
         self.extra = ({"frame": self.number} if camera.dropped else {}) | ({"shown_s": self.shown} if faulty else {})
@@ -80,13 +79,13 @@ class Glass:
             image = image * self.light
         return image if self.glare is None else image + self.glare
 
-    def tables(self, depth: float, start: float, camera: GrainCamera) -> dict[str, Table]:
-        """[grain_video] of grains.mkv from the time `start` [s] on, its places as read off the first picture, where the
-        foot's depth is `depth` [m], and that depth for [params.flow]."""
+    def tables(self, depth: float, start: float, rate: float, camera: GrainCamera) -> dict[str, Table]:
+        """[grain_video] of grains.mkv from the time `start` [s] on at `rate` [1/s], its places as read off the first
+        picture, where the foot's depth is `depth` [m], and that depth for [params.flow]."""
         row, column = seen_places(np.array([float(self.view.row(-depth))]), self.view.axis_column, self.lens)
         section: Table = {
             "file": "grains.mkv",
-            "frame_rate": GRAIN_RATE,
+            "frame_rate": rate,
             "scale": self.view.scale * (1 + camera.scale_error),
             "foot_row": round(float(row[0]), 3),
             "axis_column": round(float(column[0]), 3),
@@ -113,14 +112,15 @@ def write_grain_film(
     film: GrainFilm = FILM,
     camera: GrainCamera = GOOD,
     quick: bool = False,
+    start: float | None = None,
 ) -> Recording:
-    """grains.mkv around the first landing and the push-off.
+    """grains.mkv from `start` [s], by itself around the first landing and the push-off.
 
     bed_density: phi rho [kg/m^3]; radius of the foot, diameter of the grains [m]; camera: its faults; quick: by
     `QuickGrainScene`.
     """
     exposure, subs = 0.0005, 4
-    start = start_of(motion)
+    start = start_of(motion) if start is None else start
     shape = (film.rows, film.columns)
     view = View(shape=shape, scale=film.scale, surface_row=47.0, axis_column=0.5 * shape[1] - 2.5)
     glass = Glass(view, camera)
@@ -130,10 +130,10 @@ def write_grain_film(
     flow = Flow(R=radius, **cone._asdict(), beta=math.radians(45.0), layer=0.008, z_range=(z_start, z_end))
     scene_of = QuickGrainScene if quick else GrainScene
     scene = scene_of(glass.wide, flow, z_start, diameter=diameter, spread=0.15, rng=rng)
-    clock = Clock(start, film.frames, camera, rng)
+    clock = Clock(start, film, camera, rng)
     depths = -motion.at("foot", clock.shown[:, None] + (np.arange(subs) + 0.5) / subs * exposure)
     frames = np.stack([exposed(glass(scene.frame(z)), camera, rng, bright=quick) for z in depths])
-    write.movie(folder / "grains.mkv", frames, rate=GRAIN_RATE, numbers=clock.number, bits=camera.bits)
+    write.movie(folder / "grains.mkv", frames, rate=film.rate, numbers=clock.number, bits=camera.bits)
 
     time, shown = clock.stamp + 0.5 * exposure, clock.shown + 0.5 * exposure
     true = FlowTruth(
@@ -151,7 +151,7 @@ def write_grain_film(
         pairs=flow_truth(flow, view, motion, middle(shown), bed_density) | {"time_s": middle(time)},
     )
     told = {"mu": true.mu, "beta_deg": true.beta_deg, "added_mass_kg": mass_at_peak(true.pairs)}
-    tables = glass.tables(-float(motion.at("foot", shown[:1])[0]), start, camera)
+    tables = glass.tables(-float(motion.at("foot", shown[:1])[0]), start, film.rate, camera)
     return Recording(tables, {"grain_film": true}, told)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -13,7 +12,7 @@ import xarray as xr
 
 from jumpvision.base.arrays import Array
 from jumpvision.report.figures.pictures import png
-from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
+from jumpvision.report.style import ACCENT, MEASURED, MODEL, QUIET, kind_of, styled
 from jumpvision.thesis.studies.sand.beside import SERIES, Film, compared
 from jumpvision.thesis.studies.sand.discs import CONSTANT, DiscBed, DiscNumbers
 from jumpvision.thesis.studies.sand.feet import Foot
@@ -56,22 +55,26 @@ def disc_picture(runs: Sequence[xr.Dataset], bed: DiscBed, numbers: DiscNumbers)
 
 
 def beside_picture(films: Sequence[Film], runs: Sequence[Sequence[xr.Dataset]]) -> bytes:
-    """Momentum against time, added mass against depth: films with 2 sigma, discs dashed, scaled (thesis Fig 53b, c)."""
+    """Momentum against time, added mass against depth: films with 2 sigma (thesis Fig 52), discs dashed, scaled
+    (Fig 53b, c)."""
     with styled() as Figure:
         figure = Figure(figsize=(10.0, 3.8), layout="constrained")
         left, right = figure.subplots(1, 2, width_ratios=(1.4, 1))
-        for film, beds, color in zip(films, runs, itertools.cycle((MODEL, MEASURED, GREEN, ACCENT))):
-            scale, f = compared(film, beds).scale, film.flow
+        for film, beds in zip(films, runs):
+            scale, f, color = compared(film, beds).scale, film.flow, kind_of(film.kind).color
             t = 1e3 * (f.t.values - f.t.values[0])
-            mean = {n: np.mean([r[n].values for r in beds], axis=0) for n in SERIES}
+            if scale is not None:
+                mean = {n: scale * np.mean([r[n].values for r in beds], axis=0) for n in SERIES}
             places = ((left, t, "momentum"), (right, 1e3 * f.foot_depth.values, "added_mass"))
             for axis, x, name in places:
                 y, sigma = 1e3 * f[name].values, 2e3 * f[f"{name}_sigma"].values
                 axis.fill_between(x, y - sigma, y + sigma, color=color, alpha=0.2, lw=0)
                 axis.plot(x, y, color=color, label=film.name)
-                axis.plot(x, 1e3 * scale * mean[name], "--", color=color, label=f"discs × {scale:.2f}")
-        left.set(title="momentum of the grains, down", xlabel="time [ms]", ylabel="[g m/s]")
-        top = 1.6e3 * max(float(np.nanmax(f.flow.added_mass)) for f in films)  # of discs that glide on it has no bound
+                if scale is not None:
+                    axis.plot(x, 1e3 * mean[name], "--", color=color, label=f"discs × {scale:.2f}")
+        left.set(title="momentum of the grains, down", xlabel="time from the film's first field [ms]", ylabel="[g m/s]")
+        room = 1.6 if any(runs) else 1.15  # of discs that glide on it has no bound
+        top = 1e3 * room * max(float(np.nanmax(f.flow.added_mass)) for f in films)
         right.set(title="added mass", xlabel="depth of the foot [mm]", ylabel="[g]", ylim=(0, top))
         left.legend()
         return png(figure)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
+from jumpvision.base.arrays import Array
 from jumpvision.experiment.results.fields import attributes_of
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, NewFigure
 from jumpvision.thesis.figures.sweeps import figure_of
@@ -108,39 +109,69 @@ def estimates(data: xr.Dataset, Figure: NewFigure) -> Figure:
     return figure
 
 
+KEYS = 4  # columns of names under the figure of the animals
+REACH = (6.0, 9.0, 12.0, 15.0)  # pt, of a number from its mark
+
+
 @figure_of(animals_of.animals)
 def animals(data: xr.Dataset, Figure: NewFigure) -> Figure:
-    """Height relative to body length against body length, and the alpha it comes from."""
-    figure = Figure(figsize=(8.6, 3.8), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=(1.7, 1))
+    """Height relative to body length against body length, and the alpha it comes from; names by number below."""
+    names = [f"{i} {name}" for i, name in enumerate(data.animal.values, start=1)]
+    rows = -(-len(names) // KEYS)
+    figure = Figure(figsize=(9.2, 4.4 + 0.12 * rows), layout="constrained")
+    (top,), (key,) = figure.subfigures(2, 1, squeeze=False, height_ratios=(4.4, 0.12 * rows))
+    left, right = top.subplots(1, 2, width_ratios=(2.2, 1))
+    lines = []
     for name in ("stutter", "single"):
         color, style = LOOK[name]
-        left.plot(data.length, data.relative_height.sel(jump=name), style, color=color, label=name)
+        lines += left.plot(data.length, data.relative_height.sel(jump=name), style, color=color, label=name)
     left.plot([1.8, 1.8], data.relative_height.interp(length=1.8), "o", ms=4, color="black", label="human values")
-    lengths, shares = data.animal_length_m.values, (data.animal_height_m / data.animal_length_m).values
-    for i, name in enumerate(data.animal.values):
-        x, y = float(data.animal_length_m[i]), float(data.animal_height_m[i] / data.animal_length_m[i])
-        kind = str(data.kind.values[i])
-        mark, color = {"animal": ("^", GREEN), "robot": ("s", ACCENT)}[kind]
-        known = kind in data.kind.values[:i]
-        left.plot(x, y, mark, ms=5, color=color, label=None if known else f"{kind}, measured")
-        # to the right, but to the left where another one stands within the words
-        beside, level = np.log10(lengths / x), np.abs(np.log10(shares / y))
-        side = -1 if np.any((beside > 0.0) & (beside < 0.8) & (level < 0.15)) else 1
-        place = {"xytext": (6 * side, -2), "textcoords": "offset points", "ha": "right" if side < 0 else "left"}
-        left.annotate(str(name), (x, y), fontsize=6, **place)
+    places = np.stack([data.animal_length_m, data.animal_height_m / data.animal_length_m], axis=1)
+    for kind, mark, color in (("animal", "^", GREEN), ("robot", "s", ACCENT)):
+        if (of := data.kind.values == kind).any():
+            left.plot(*places[of].T, mark, ms=4, color=color, label=f"{kind}, measured")
     left.set(
         title="isometric animals: height / body length",
         xlabel="body length [m]",
         ylabel="height / length",
         xscale="log",
         yscale="log",
-        xlim=(0.15 * float(data.length[0]), None),  # room for the names of the smallest
     )
-    left.legend()
+    left.legend(loc="upper right")
+    box = 72.0 * np.array([figure.get_figwidth() * 0.6, 3.7])  # pt, of the panel, about
+    curves = np.concatenate([line.get_xydata() for line in lines])
+    for i, ((x, y), shift) in enumerate(zip(places, free(left, places, curves, box)), start=1):
+        how = {"ha": "center", "va": "center", "textcoords": "offset points"}
+        left.annotate(str(i), (x, y), fontsize="x-small", xytext=tuple(shift), **how)
+    for k in range(KEYS):
+        text = "\n".join(names[k * rows : (k + 1) * rows])
+        key.text(0.03 + k / KEYS, 1.0, text, fontsize="x-small", va="top", linespacing=1.25)
     right.plot(data.length, data.alpha, color=QUIET)
     right.set(title="α, eq. (14)", xlabel="body length [m]", xscale="log", yscale="log")
     return figure
+
+
+def free(axis: Axes, places: Array, curves: Array, box: Array) -> Array:
+    """Where a number beside each place (n, 2) lies on no mark, no curve and no other number, no other mark nearer:
+    shifts (n, 2) [pt].
+
+    box: size of the panel [pt], whose axes are logarithmic.
+    """
+    low, high = (np.log([lim[k] for lim in (axis.get_xlim(), axis.get_ylim())]) for k in (0, 1))
+    marks, taken = ((np.log(p) - low) / (high - low) * box for p in (places, np.concatenate([places, curves])))
+    turns = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
+    shifts = np.array([(r * np.cos(a), r * np.sin(a)) for r in REACH for a in turns])
+    out = []
+    for mark in marks:
+        others = taken[np.any(taken != mark, axis=1)]
+        apart = np.abs(mark + shifts[:, None] - others[None]) / (9.0, 7.5)  # a number of two digits is wider than high
+        room = np.min(np.max(apart, axis=2), axis=1)
+        strange = marks[np.any(marks != mark, axis=1)]
+        nearest = np.min(np.linalg.norm(mark + shifts[:, None] - strange[None], axis=2), axis=1, initial=np.inf)
+        room[nearest < 1.2 * np.linalg.norm(shifts, axis=1)] *= 0.5
+        out.append(shifts[np.argmax(np.minimum(room, 1.0))])  # the nearest that has room, else the freest
+        taken = np.concatenate([taken, [mark + out[-1]]])
+    return np.array(out)
 
 
 @figure_of(scaling.two_frequency)

@@ -121,9 +121,14 @@ def animals(s: Sweep) -> Found:
         s.number("human alpha, zeta", f"{a[-1]:.3f}, {zeta:.2f}", "about 0.05, 0.32"),
         s.number("human: stutter, single height [m]", f"{human[0]:.2f}, {human[1]:.2f}", "2, 5", "2.1, 5.2"),
     ]
+    lower, upper = share_of
+    within = (lower >= 1.0) & (upper <= 1.0)
+    for kind in dict.fromkeys(seen.kinds):
+        of = np.array(seen.kinds) == kind
+        rows.append(s.number(f"{kind}s between stutter and single", f"{within[of].sum()} of {of.sum()}", "most"))
     for i, name in enumerate(seen.names):
         stutter, single = share_of[0][i], share_of[1][i]
         times = f"{seen.height[i] / seen.length[i]:.3g} body lengths"
         ours = f"{times}; {stutter:.2g} of the stutter, {single:.2g} of the single"
-        rows.append(s.number(f"{name}: height", ours, "between stutter and single, most"))
+        rows.append(s.number(f"{name}: height", ours))
     return data, rows

@@ -14,6 +14,7 @@ from jumpvision.jumper.physics.hard.analysis import (
     SINGLE,
     STUTTER,
     Search,
+    crossing,
     easiest_frequency,
     inertial_peak,
     minimum_amplitude,
@@ -266,47 +267,75 @@ def catapult(robot: HardRobot, travel: float) -> Catapult:
     return Catapult(travel, height, robot.stiffness * (travel + relaxed))
 
 
+PAIR = np.array([STUTTER, SINGLE])[:, None, None]
+
+
+def _peak(robot: HardRobot, f: Array, a: Array) -> Array:
+    """Peak power of the motor [W] at frequencies f (jump, frequency, ...) and amplitudes a, broadcast."""
+    phase = PAIR.reshape(2, *[1] * (f.ndim - 1))
+    return hard_sweep(sine_rows(f, a, phase, 1.0), **robot._asdict())["peak_power_W"]
+
+
+def best_limited(robot: HardRobot, f: Array, a: Array, power: Array) -> dict[str, Array]:
+    """The highest jump at each power [W] over f (jump, frequency, power or 1) and amplitudes up to the last of a:
+    RESULTS with frequency_Hz and amplitude_m, (jump, power), NaN where none lifts off."""
+    needed = _peak(robot, f[..., None], a)
+    # the amplitude that takes the whole power, between those of a: the best jump does, or has them all
+    between = np.vectorize(np.interp, signature="(),(n),(n)->()")
+    takes = np.exp(between(np.log(power), np.log(np.maximum.accumulate(needed, axis=-1)), np.log(a)))
+    takes = np.minimum(takes, a[-1])
+    # a kink between two amplitudes may pass the limit by 1e-4; power grows at least as the amplitude
+    takes *= np.minimum(power / _peak(robot, f, takes), 1.0)
+    found = hard_sweep(sine_rows(f, takes, PAIR, 1.0), **robot._asdict())  # (jump, frequency, power)
+    found |= {"frequency_Hz": np.broadcast_to(f, takes.shape), "amplitude_m": takes}
+    allowed = np.isfinite(found["lift_off_s"]) & (needed[..., 0] <= power)  # else the motor only pulls the rod up
+    reach = np.where(allowed, found["com_height_m"], -1.0)
+    best, none = np.argmax(reach, axis=1)[:, None], reach.max(axis=1) < 0.0
+    return {n: np.where(none, np.nan, np.take_along_axis(v, best, 1)[:, 0]) for n, v in found.items()}
+
+
 @study("power-limit", "hard", source="1.2.2, 2.5.2", values=("amplitude",))
 def power_limit(s: Sweep) -> Found:
     """Best heights of stutter and squat (single) jumps under a limit of the motor's power, beside a catapult."""
     amplitude = float(s.setup.values["amplitude"])
-    f, a = np.linspace(0.2, 3.0, 561) * s.robot.f0, amplitude * np.linspace(0.01, 1.0, 100)
-    phase = np.array([STUTTER, SINGLE])[:, None, None]
-    needed = hard_sweep(sine_rows(f[:, None], a, phase, 1.0), **s.robot._asdict())["peak_power_W"]
-    power = np.geomspace(0.01, 1.0, 100) * float(needed.max())
-    # the amplitude that takes the whole power, between those of the grid: the best jump does, or has them all
-    takes = np.array([[np.interp(power, row, a) for row in rows] for rows in np.maximum.accumulate(needed, axis=-1)])
-    found = hard_sweep(sine_rows(f[:, None], takes, phase, 1.0), **s.robot._asdict())  # (jump, frequency, power)
-    allowed = np.isfinite(found["lift_off_s"]) & (needed[:, :, :1] <= power)  # else the motor only pulls the rod up
-    reach = np.where(allowed, found["com_height_m"], -1.0)
-    best = np.argmax(reach, axis=1)[:, None]
-    none = reach.max(axis=1) < 0.0
-    own = {n: np.where(none, np.nan, np.take_along_axis(found[n], best, 1)[:, 0]) for n in RESULTS}
+    step, a = 0.005 * s.robot.f0, amplitude * np.geomspace(0.05, 1.0, 160)
+    f = np.tile(np.arange(0.2 * s.robot.f0, 3.0 * s.robot.f0 + 0.5 * step, step)[:, None], (2, 1, 1))
+    power = np.geomspace(0.01, 1.0, 100) * float(_peak(s.robot, f[..., None], a).max())
+    coarse = best_limited(s.robot, f, a, power)
+    # the limit and the full stroke meet between two frequencies of the grid: there a jump of either loses height
+    own = best_limited(s.robot, coarse["frequency_Hz"][:, None] + step * np.linspace(-1.0, 1.0, 41)[:, None], a, power)
     extra: dict[str, Variable] = {
         "frequency_ratio": (
             ("jump", "power"),
-            np.where(none, np.nan, f[best[:, 0]] / s.robot.f0),
+            own["frequency_Hz"] / s.robot.f0,
             "1",
             "of the best jump's frequency to f_0",
         ),
         "amplitude_m": (
             ("jump", "power"),
-            np.where(none, np.nan, np.take_along_axis(takes, best, 1)[:, 0]),
+            own["amplitude_m"],
             "m",
             "of the best jump",
         ),
     }
     shot = catapult(s.robot, 2.0 * amplitude)
-    data = dataset(s, {"jump": ["stutter", "single"], "power": power}, ("jump", "power"), own, extra, facts=shot)
+    data = dataset(
+        s,
+        {"jump": ["stutter", "single"], "power": power},
+        ("jump", "power"),
+        {n: own[n] for n in RESULTS},
+        extra,
+        facts=shot,
+    )
     stutter, single = own["com_height_m"]
-    above = power[stutter > single]
+    from_on = float(crossing(power, np.nan_to_num(stutter / single, nan=0.0), rising=True))
     most = own["peak_power_W"][:, -1]
     half = float(np.interp(0.5 * most[0], power, stutter - single))
     table = [
         s.number("power of the best stutter, single [W]", f"{most[0]:.2f}, {most[1]:.2f}"),
         s.number(
-            "stutter the higher one at a limit of [W]",
-            f"{above.min():.2f} to {above.max():.2f}" if above.size else "none",
+            "stutter the higher one from a limit of [W]",
+            f"{from_on:.2f}" if np.isfinite(from_on) else "none",
             "preferable where power is limited",
         ),
         s.number("stutter - single at half the power of the best stutter [mm]", f"{1e3 * half:.1f}"),

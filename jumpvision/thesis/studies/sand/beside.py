@@ -1,4 +1,4 @@
-"""Discs under the feet of filmed jumps, their momentum read as the film's is (thesis Fig 53b, c)."""
+"""Films of jumps beside each other (thesis Fig 52), and discs under their feet, read as the films are (Fig 53b, c)."""
 
 from __future__ import annotations
 
@@ -135,7 +135,8 @@ def read_discs(seed: int, film: Film, bed: DiscBed) -> xr.Dataset:
 
 @dataclass(frozen=True)
 class Beside:
-    """A film and its beds of discs in numbers; kg m/s, sigmas of the mean over the beds (None: one bed).
+    """A film and its beds of discs in numbers; kg m/s, sigmas of the mean over the beds (None: one bed). Without beds
+    the film alone.
 
     scale: film over discs, the factor of the least squares over frames of large momentum; left: rms of what it leaves,
     over the film's peak.
@@ -145,15 +146,18 @@ class Beside:
     kind: str
     beds: int
     peak_film: float
-    peak_discs: float
-    scale: float
-    scale_sigma: float | None
-    left: float
+    peak_discs: float | None = None
+    scale: float | None = None
+    scale_sigma: float | None = None
+    left: float | None = None
 
 
 def compared(film: Film, runs: Sequence[xr.Dataset]) -> Beside:
     """The scale factor between a film's momentum and that of its discs."""
     seen = film.flow.momentum.values
+    peak = float(np.nanmax(seen))
+    if not runs:
+        return Beside(film.name, film.kind, 0, peak)
     discs = np.stack([r.momentum.values for r in runs])
     use = np.isfinite(seen) & np.isfinite(discs).all(axis=0) & (np.abs(seen) > LARGE * np.nanmax(seen))
     if use.sum() < 3:
@@ -162,7 +166,6 @@ def compared(film: Film, runs: Sequence[xr.Dataset]) -> Beside:
     scales = (discs[:, use] @ seen[use]) / np.sum(discs[:, use] ** 2, axis=1)
     mean = discs.mean(axis=0)
     scale = float(mean[use] @ seen[use] / np.sum(mean[use] ** 2))
-    peak = float(np.nanmax(seen))
     left = float(np.sqrt(np.mean((seen - scale * mean)[use] ** 2)) / peak)
     sigma = float(scales.std(ddof=1) / math.sqrt(len(runs))) if len(runs) > 1 else None
     return Beside(film.name, film.kind, len(runs), peak, float(np.nanmax(mean)), scale, sigma, left)
@@ -175,13 +178,15 @@ def run_beside(films: Sequence[Film], bed: DiscBed, beds: int, seed: int, worker
 
 
 def table_of(film: Film, runs: Sequence[xr.Dataset]) -> pd.DataFrame:
-    """A row a field of the film: the film's values with their sigma, the mean of the beds with their scatter."""
+    """A row a field of the film: the film's values with sigma; of the beds, if any, the mean with their scatter."""
     out = {"experiment": film.name, "time_s": film.flow.t.values, "foot_depth_m": film.flow.foot_depth.values}
     for name, unit in zip(SERIES, ("kg_m_s", "kg")):
-        beds = np.stack([r[name].values for r in runs])
-        scatter = beds.std(axis=0, ddof=1) if len(runs) > 1 else np.full(beds.shape[1], np.nan)
         out[f"{name}_film_{unit}"] = film.flow[name].values
         out[f"{name}_film_sigma_{unit}"] = film.flow[f"{name}_sigma"].values
+        if not runs:
+            continue
+        beds = np.stack([r[name].values for r in runs])
+        scatter = beds.std(axis=0, ddof=1) if len(runs) > 1 else np.full(beds.shape[1], np.nan)
         out[f"{name}_discs_{unit}"], out[f"{name}_discs_scatter_{unit}"] = beds.mean(axis=0), scatter
     return pd.DataFrame(out)
 
