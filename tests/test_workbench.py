@@ -30,7 +30,6 @@ from jumpvision.experiment.init.measure import tilt_of
 from jumpvision.experiment.inputs.experiment import open_experiment
 from jumpvision.experiment.inputs.sections import Calibration, RodCorrections, RodVideo
 from jumpvision.experiment.stages.track import track
-from jumpvision.films.arrays.piv import piv as of_arrays
 from jumpvision.films.calibration import CLICKED_MARK
 from jumpvision.films.parameters import TrackParams
 from jumpvision.films.vision.camera import camera
@@ -192,27 +191,6 @@ def test_a_frame_is_shown_as_it_is(tmp_path):
     s.close()
 
 
-def test_the_vectors_of_a_pair_are_those_of_the_matcher(tmp_path):
-    shutil.copytree(SAND, tmp_path / "film", ignore=shutil.ignore_patterns("truth.json"))
-    b = Benches(tmp_path / "film")
-    roi = [60, 20, 187, 115]
-    draft = draft_of({"values": {"grain_video": {"roi": roi}, "params.piv": {"window": 32, "step": 16}}})
-    found = b.bench.pair(draft, 0)
-    film = b.bench.film("grain_video")
-    part = [film.grey(i)[roi[1] : roi[3] + 1, roi[0] : roi[2] + 1] for i in (0, 1)]
-    direct = of_arrays(*part, window=32, step=16)
-    u, v = direct.u.to_numpy().ravel(), -direct.v.to_numpy().ravel()
-    there = np.isfinite(direct.u_raw.to_numpy().ravel()) | np.isfinite(u)
-    assert np.allclose(np.array(found.u, float), u[there], atol=1e-9, equal_nan=True)
-    assert np.allclose(np.array(found.v, float), v[there], atol=1e-9, equal_nan=True)
-    length = np.hypot(direct.u_sigma, direct.v_sigma).to_numpy().ravel()[there]  # of both axes together
-    assert np.allclose(np.array(found.sigma, float), length, atol=1e-9, equal_nan=True)
-    assert min(found.x) >= roi[0] and max(found.y) <= roi[3] and found.measured == (direct.chc > 0).sum()
-    with pytest.raises(InputError, match="for a pair"):
-        b.bench.pair(draft, len(film) - 1)
-    b.close()
-
-
 def test_lines_of_long_logs_keep_their_extremes():
     t = np.linspace(0, 1, 200_003)
     y = np.sin(40 * t)
@@ -346,7 +324,7 @@ def test_bad_questions_are_answered_with_what_is_wrong(tmp_path, served):
         ("/api/preview", {"draft": {"corrections": {"-1": [1, 2]}}}, 400, "frame = '-1'"),
         ("/api/preview", {"draft": {"corrections": {"1": [1, "a"]}}}, 400, "must be [column, row]"),
         ("/api/preview", {"draft": {"picks": {"rod_video": {"marks": [1, 2, 3, 4]}}}}, 400, "belong together"),
-        ("/api/pair", {"draft": {}, "frame": 0}, 400, "[grain_video]"),
+        ("/api/flow", {"draft": {}, "frame": 0, "map": "u"}, 400, "grain_video"),
         ("/api/role", {"section": "rod_video", "role": "crater_image"}, 400, "role = 'crater_image'"),
         ("/api/open", {"experiment": "../x"}, 400, "must be one of"),
         ("/api/preview", b"{", 400, "JSON"),

@@ -17,14 +17,16 @@ from jumpvision.experiment.init.text import PICKED, RESULTS, Choices, drafted
 from jumpvision.experiment.inputs.experiment import CAMPAIGN, EXPERIMENT, folder_of
 from jumpvision.experiment.inputs.logs import read_log
 from jumpvision.experiment.inputs.model import read_toml
-from jumpvision.experiment.inputs.sections import SECTIONS, BedImage, Calibration, GrainVideo, RodVideo
-from jumpvision.films.parameters import BedParams, PivParams, TrackParams
+from jumpvision.experiment.inputs.sections import SECTIONS, BedImage, Calibration, RodVideo
+from jumpvision.films.parameters import BedParams, TrackParams
 
 from .draft import CORRECTIONS, HEAD, Composed, Draft, composed
 from .films import Shown
+from .flowing import Flowing
+from .flowing import Shown as Flow
 from .following import Following, Row
 from .logs import Trace, traces
-from .matching import BedLine, Pair, bed_line, pair
+from .matching import BedLine, bed_line
 from .running import Running
 
 
@@ -85,6 +87,7 @@ class Bench:
         }
         self.films = {s: Shown(folder / self.recordings[s].file) for s in PICKED if s in self.recordings}
         self.following: Following | None = None
+        self.flowing = Flowing()
         self._lock = threading.Lock()
 
     @property
@@ -96,6 +99,7 @@ class Bench:
     def close(self) -> None:
         if self.following:
             self.following.stop()
+        self.flowing.stop()
         for film in self.films.values():
             film.close()
 
@@ -176,15 +180,20 @@ class Bench:
         run = self.following
         return (run.rows(since), run) if run else ([], None)
 
-    def pair(self, draft: Draft, frame: int) -> Pair:
-        """Vectors of one pair of the grain film."""
-        made = self.composed(draft)
-        film = made.section(GrainVideo)
-        if film is None:
-            raise InputError([f"{self.folder}: no [grain_video] here: nothing to match"])
-        if film.frame_rate is None:
-            film = replace(film, frame_rate=self._rate("grain_video"))
-        return pair(film, made.section(Calibration), made.params(PivParams), frame)
+    def flow(self, draft: Draft, frame: int, name: str, mean: bool) -> Flow:
+        """The flow of the pair that holds a frame of the grain film, or of all pairs."""
+        return self.flowing.shown(self.composed(draft), self._own_rate("grain_video"), frame, name, mean)
+
+    def all_pairs(self, draft: Draft) -> None:
+        """Begin to match all pairs of the grain film."""
+        self.flowing.all_pairs(self.composed(draft), self._own_rate("grain_video"))
+
+    def lit(self, draft: Draft, frame: int, width: int) -> dict[str, Any]:
+        """A frame of the grain film as it is matched."""
+        return self.flowing.lit(self.composed(draft), self._own_rate("grain_video"), frame, width)
+
+    def _own_rate(self, section: str) -> float | None:
+        return self._rate(section) if self.film(section).timed else None
 
     def bed(self, draft: Draft, frame: int) -> BedLine:
         """The bed's surface in one picture."""

@@ -71,6 +71,29 @@ def _stop(b: Benches, _: Question) -> object:
     return {}
 
 
+def _flow(b: Benches, q: Question) -> object:
+    return b.bench.flow(draft_of(q.get("draft")), _whole(q, "frame"), _text(q, "map"), q.get("mean") is True)
+
+
+def _all_pairs(b: Benches, q: Question) -> object:
+    b.bench.all_pairs(draft_of(q.get("draft")))
+    return {}
+
+
+def _stop_pairs(b: Benches, _: Question) -> object:
+    b.bench.flowing.stop()
+    return {}
+
+
+def _matched(b: Benches) -> object:
+    run = b.bench.flowing.batch
+    if run is None:
+        return {"running": False}
+    running = run.running  # before the rest: what comes with its end is then told
+    now = {"what": run.what, "done": run.done, "total": run.total, "problem": run.problem, "notes": run.notes}
+    return {"running": running, "matched": run.piv is not None, "mean": run.mean is not None, "why": run.why, **now}
+
+
 def _change(b: Benches, q: Question) -> object:
     b.change(_text(q, "experiment"))
     return b.state()
@@ -115,7 +138,10 @@ QUESTIONS: dict[str, Callable[[Benches, Question], object]] = {
     "/api/write": _write,
     "/api/track": _track,
     "/api/track/stop": _stop,
-    "/api/pair": lambda b, q: b.bench.pair(draft_of(q.get("draft")), _whole(q, "frame")),
+    "/api/flow": _flow,
+    "/api/flow/all": _all_pairs,
+    "/api/flow/stop": _stop_pairs,
+    "/api/flow/light": lambda b, q: b.bench.lit(draft_of(q.get("draft")), _whole(q, "frame"), _whole(q, "width")),
     "/api/bed": lambda b, q: b.bench.bed(draft_of(q.get("draft")), _whole(q, "frame")),
     "/api/logs": lambda b, q: b.bench.logs(draft_of(q.get("draft"))),
     "/api/open": _change,
@@ -156,6 +182,8 @@ class Handler(LocalHandler):
             self._json(200, _followed(benches, int(m[1])))
         elif path == "/api/state":
             self._json(200, benches.state())
+        elif path == "/api/flow/all":
+            self._json(200, _matched(benches))
         elif path == "/api/run":
             self._json(200, _ran(benches))
         elif (file := path.partition("?")[0]) in self.server.files:
