@@ -345,7 +345,6 @@ def test_bad_questions_are_answered_with_what_is_wrong(tmp_path, served):
         ("/api/preview", {"draft": {"values": {"rod_vid": {}}}}, 400, "rod_vid"),
         ("/api/preview", {"draft": {"corrections": {"-1": [1, 2]}}}, 400, "frame = '-1'"),
         ("/api/preview", {"draft": {"corrections": {"1": [1, "a"]}}}, 400, "must be [column, row]"),
-        ("/api/preview", {"draft": {"picks": {"rod_video": {"marks": [1, 2, 3, 4]}}}}, 400, "belong together"),
         ("/api/pair", {"draft": {}, "frame": 0}, 400, "[grain_video]"),
         ("/api/role", {"section": "rod_video", "role": "crater_image"}, 400, "role = 'crater_image'"),
         ("/api/open", {"experiment": "../x"}, 400, "must be one of"),

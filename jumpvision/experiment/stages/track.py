@@ -57,7 +57,8 @@ def track(
     whose jump is to be measured, positions are in px alone: heights are NaN.
     """
     film, p = readable(film, calibration, actuation, p)
-    return as_result(see_film(film, calibration, p), film, calibration, actuation, corrections, p)
+    found = see_film(film, calibration, p)
+    return as_result(found, film, calibration, actuation, places_of(corrections, len(found.time)), p)
 
 
 def readable(
@@ -99,11 +100,11 @@ def as_result(
     film: RodVideo,
     calibration: Calibration | None,
     actuation: Actuation | None,
-    corrections: RodCorrections | None,
+    given: pd.DataFrame | None,
     p: TrackParams,
 ) -> Track:
-    """The result of the stage from what was followed. film, p: as `readable` gives them."""
-    motions, share = motions_of(found, film, calibration, p, corrections)
+    """The result of the stage from what was followed. film, p: as `readable` gives them; given: as in `by_hand`."""
+    motions, share = motions_of(found, film, calibration, p, given)
     if film.scale == SCALE_OF_PIXELS:
         unknown = dict.fromkeys(("height_m", "sigma_m", "exposure_shift_m", "exposure_shift_sigma_m", "lens_m"), np.nan)
         motions = [m.assign(**{c: x for c, x in unknown.items() if c in m}) for m in motions]
@@ -117,7 +118,8 @@ def from_film(
     film: RodVideo, calibration: Calibration | None, p: TrackParams, corrections: RodCorrections | None = None
 ) -> tuple[list[pd.DataFrame], float]:
     """`motions_of` a film that is followed for it."""
-    return motions_of(see_film(film, calibration, p), film, calibration, p, corrections)
+    found = see_film(film, calibration, p)
+    return motions_of(found, film, calibration, p, places_of(corrections, len(found.time)))
 
 
 def motions_of(
@@ -125,14 +127,14 @@ def motions_of(
     film: RodVideo,
     calibration: Calibration | None,
     p: TrackParams,
-    corrections: RodCorrections | None = None,
+    given: pd.DataFrame | None = None,
 ) -> tuple[list[pd.DataFrame], float]:
     """Columns of Track for every ball, height along the rail from the camera's own zero, sigma_m the noise alone; and
-    the relative uncertainty that all heights share. corrections: of the first ball."""
+    the relative uncertainty that all heights share. given: places of the first ball, as in `by_hand`."""
     view, other = view_of(calibration, film, found.shape), other_lens(calibration, film, found.shape)
     motions = [ball_motion(film, ball, found.time, view, k + 1) for k, ball in enumerate(found.tracks)]
-    if corrections is not None:
-        motions[0] = by_hand(motions[0], corrections, view)
+    if given is not None:
+        motions[0] = by_hand(motions[0], given, view)
     motions = [through(other, motion) for motion in motions]
     corrected = [at_mid_exposure(motion, found.exposure, p.exposure_correction) for motion in motions]
     if film.origin:
@@ -154,18 +156,26 @@ def in_axes(motion: pd.DataFrame, view: Camera, origin: tuple[float, ...], expos
     return motion.assign(x_m=across - zero[0], y_m=motion.height_m - zero[1])
 
 
-def by_hand(motion: pd.DataFrame, corrections: RodCorrections, view: Camera) -> pd.DataFrame:
-    """The motion with the positions that a person gives: corrected is 1 there, and x_found_px, y_found_px, flag_found
-    hold what was found. Raises InputError for a frame that the film does not have or a sigma that is none."""
+def places_of(corrections: RodCorrections | None, n: int) -> pd.DataFrame | None:
+    """frame, x_px, y_px, sigma_px of [rod_corrections]; InputError for a frame that the film of n frames does not have
+    or a sigma that is none."""
+    if corrections is None:
+        return None
     given = read_log(corrections, "frame", "x_px", "y_px", "sigma_px", at_least=0)
-    n, at = len(motion), given.frame.to_numpy()
-    for row, (frame, sigma) in enumerate(zip(at, given.sigma_px), 1):
+    for row, (frame, sigma) in enumerate(zip(given.frame, given.sigma_px), 1):
         if frame != int(frame) or not 0 <= frame < n:
             raise InputError(
                 [f"{corrections.path}: row {row}, frame = {frame:g}: must be a frame of the film, 0 to {n - 1}"]
             )
         if not sigma > 0:
             raise InputError([f"{corrections.path}: row {row}, sigma_px = {sigma:g}: must be above 0 px"])
+    return given
+
+
+def by_hand(motion: pd.DataFrame, given: pd.DataFrame, view: Camera) -> pd.DataFrame:
+    """The motion with the positions that a person gives (frame, x_px, y_px, sigma_px): corrected is 1 there, and
+    x_found_px, y_found_px, flag_found hold what was found."""
+    at = given.frame.to_numpy()
     x, y, sigma = (given[c].to_numpy(float) for c in ("x_px", "y_px", "sigma_px"))
     found = {"x_found_px": motion.x_px, "y_found_px": motion.y_px, "flag_found": motion.flag}
     motion = motion.assign(corrected=0, **found)
