@@ -537,7 +537,7 @@ def test_a_frame_is_corrected_by_hand_and_a_log_is_moved(hard, browser, served):
     p.page.mouse.down()
     p.page.mouse.move(middle[0] + 50, middle[1])
     p.page.mouse.up()
-    p.page.keyboard.press("4")
+    p.page.keyboard.press("5")
     p.until("workbench.store.preview?.difference.some((d) => d.includes('[rod_corrections]'))")
     p.click("#write")
     p.page.wait_for_selector("text=Written: corrections.csv, experiment.toml")
@@ -598,7 +598,7 @@ def test_no_serious_finding_of_axe(width, scheme, hard, browser, served):
     module = pytest.importorskip("axe_playwright_python.sync_playwright", reason="pip install axe-playwright-python")
     p = Page(browser, served(hard), width, scheme, touch=width < 1000)
     found = {}
-    for step in "1234":
+    for step in "12345":
         p.page.keyboard.press(step)
         p.page.wait_for_timeout(100)
         for v in module.Axe().run(p.page).response["violations"]:
@@ -611,7 +611,7 @@ def test_no_serious_finding_of_axe(width, scheme, hard, browser, served):
 @pytest.mark.long
 def test_the_campaign_is_run_by_its_button(hard, browser, served):
     p = Page(browser, served(hard))
-    p.page.keyboard.press("4")
+    p.page.keyboard.press("5")
     p.page.get_by_role("button", name="Run this experiment").click()
     until(lambda: p.page.get_by_text("done", exact=True).count() > 0, 600)
     summary = json.loads((hard.parent / "results" / "hard" / "summary.json").read_text())

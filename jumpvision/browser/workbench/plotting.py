@@ -18,7 +18,7 @@ from jumpvision.base.schema import InputError
 from jumpvision.estimate.curves import CURVES, Measured, fit_curve, plus_minus
 from jumpvision.estimate.height import parabola_noise
 from jumpvision.experiment.inputs.sections import Actuation, Calibration, Robot, RodVideo
-from jumpvision.experiment.stages.recordings import SCALE_OF_PIXELS
+from jumpvision.experiment.stages.recordings import SCALE_OF_PIXELS, view_of
 from jumpvision.experiment.stages.track import Followed, as_result, motions_of
 from jumpvision.films.arrays.motion import with_derivatives
 from jumpvision.films.parameters import TrackParams
@@ -86,6 +86,8 @@ class Fitted:
     frames: int
     curve: Array
     residual: Array
+    column: Array | None  # px: where the curve puts the ball in the film; None of what is no place
+    row: Array | None
 
 
 class Motion:
@@ -106,7 +108,8 @@ class Motion:
             self.result = as_result(found, film, calibration, actuation, given, p).table
             axes = replace(film, origin=film.origin or CORNER)
             motions, share = motions_of(found, axes, calibration, p, given)
-        at = motions[0]
+        at, self.view = motions[0], view_of(calibration, film, found.shape)
+        self.seen = at[["x_px", "y_px"]].to_numpy(float).T
         self.unit = "px" if film.scale == SCALE_OF_PIXELS else "m"
         self.gravity = (robot or Robot()).gravity
         place, sigma = at[["x_m", "y_m"]].to_numpy(float).T, at.sigma_m.to_numpy(float)
@@ -195,7 +198,16 @@ class Motion:
             frames=int(np.isfinite(curve + y.values).sum()),
             curve=curve,
             residual=y.values - curve,
+            **self._in_film(part.y, curve - y.values),
         )
+
+    def _in_film(self, name: str, off: Array) -> dict[str, Array | None]:
+        """Where the ball would be seen if its x or y [unit] were that much more."""
+        if name not in ("x", "y"):
+            return {"column": None, "row": None}
+        rail = self.view.rail
+        step = off * (rail if name == "y" else -1j * rail) / self.view.a
+        return {"column": self.seen[0] + step.real, "row": self.seen[1] - step.imag}
 
 
 WORDS = {
