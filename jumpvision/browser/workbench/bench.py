@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import json
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,22 +13,35 @@ from typing import Any
 
 import numpy as np
 
+from jumpvision.base.record import plain
 from jumpvision.base.schema import InputError
+from jumpvision.base.storage import write_aside
+from jumpvision.experiment.campaign.folder import results_of
 from jumpvision.experiment.init.recognise import ANY_RATE, FILMS, Recording, ball, recognised, recordings
 from jumpvision.experiment.init.text import PICKED, RESULTS, Choices, drafted
 from jumpvision.experiment.inputs.experiment import CAMPAIGN, EXPERIMENT, folder_of
 from jumpvision.experiment.inputs.logs import read_log
 from jumpvision.experiment.inputs.model import read_toml
-from jumpvision.experiment.inputs.sections import SECTIONS, BedImage, Calibration, RodVideo
+from jumpvision.experiment.inputs.sections import (
+    SECTIONS,
+    Actuation,
+    BedImage,
+    Calibration,
+    Robot,
+    RodCorrections,
+    RodVideo,
+)
+from jumpvision.experiment.stages.recordings import SCALE_OF_PIXELS
 from jumpvision.films.parameters import BedParams, TrackParams
 
-from .draft import CORRECTIONS, HEAD, Composed, Draft, composed
+from .draft import CORRECTIONS, HEAD, Composed, Draft, composed, placed
 from .films import Shown
 from .flowing import Flowing
 from .flowing import Shown as Flow
-from .following import Following, Row
+from .following import Following, Row, section_of
 from .logs import Trace, traces
 from .matching import BedLine, bed_line
+from .plotting import Motion
 from .running import Running
 
 
@@ -46,7 +61,8 @@ class Seen:
 
 @dataclass(frozen=True)
 class State:
-    """All that the page begins with. given: tables of experiment.toml (or of its draft) and campaign.toml."""
+    """All that the page begins with. given: tables of experiment.toml (or of its draft) and campaign.toml.
+    kept: what the page was when it was left."""
 
     folder: str
     name: str
@@ -56,6 +72,10 @@ class State:
     given: Mapping[str, Any]
     corrections: dict[int, tuple[float, float]]
     notes: list[str]
+    kept: object = None
+
+
+KEPT = "workbench.json"
 
 
 class Bench:
@@ -88,6 +108,8 @@ class Bench:
         self.films = {s: Shown(folder / self.recordings[s].file) for s in PICKED if s in self.recordings}
         self.following: Following | None = None
         self.flowing = Flowing()
+        self._motion: tuple[object, Motion] | None = None
+        self._kept: object = None
         self._lock = threading.Lock()
 
     @property
@@ -120,7 +142,7 @@ class Bench:
         ]
         exists, name = (self.folder / EXPERIMENT).exists(), self.folder.resolve().name
         given = self.composed(Draft()).table
-        return State(str(self.folder), name, [], exists, films, given, self.corrections(), self.notes)
+        return State(str(self.folder), name, [], exists, films, given, self.corrections(), self.notes, self.kept())
 
     def corrections(self) -> dict[int, tuple[float, float]]:
         """Those on the disk. InputError where the file is none of ours: it would be written over."""
@@ -129,6 +151,35 @@ class Bench:
             return {}
         table = read_log(file, *HEAD.split(","), at_least=0)
         return {int(i): (float(x), float(y)) for i, x, y in zip(table.frame, table.x_px, table.y_px)}
+
+    @property
+    def _notes_file(self) -> Path:
+        """Where the page is kept: with jumpvision's own results, never beside the recordings."""
+        of = (self.folder / self.only).with_suffix("") if self.only else self.folder
+        return (results_of(of.parent) / of.name if self.inherited else results_of(of)) / KEPT
+
+    def kept(self) -> object:
+        """What the page was when it was left; None where it was nothing."""
+        if self._kept is None and self._notes_file.exists():
+            try:
+                self._kept = json.loads(self._notes_file.read_text(encoding="utf-8"))
+            except (ValueError, OSError):  # a power cut: begin anew
+                self._kept = None
+        return self._kept
+
+    def keep(self, page: object) -> None:
+        """Keep the page, in memory and, where something was done on it, on the disk. page: JSON, its own."""
+        if not isinstance(page, dict) or not isinstance(page.get("draft"), dict):
+            raise InputError(["page: must be an object with a draft"])
+        self._kept, draft = page, page["draft"]
+        picks, values = ([v for t in draft.get(k, {}).values() for v in t.values()] for k in ("picks", "values"))
+        done = any(v is not None for v in (*picks, *values)) or bool(draft.get("corrections"))
+        with contextlib.suppress(OSError):  # a folder of others: the memory keeps it until the server ends
+            if done:
+                self._notes_file.parent.mkdir(parents=True, exist_ok=True)
+                write_aside(self._notes_file, json.dumps(page))
+            else:
+                self._notes_file.unlink(missing_ok=True)
 
     def composed(self, draft: Draft) -> Composed:
         """The experiment.toml that the draft makes."""
@@ -179,6 +230,25 @@ class Bench:
         """Rows from frame `since` on, and the run that they are of."""
         run = self.following
         return (run.rows(since), run) if run else ([], None)
+
+    def motion(self, draft: Draft) -> Motion:
+        """What was followed, measured with the values of the draft."""
+        made, run = self.composed(draft), self.following
+        film = made.section(RodVideo)
+        if film is None or run is None:
+            raise InputError(["track: none yet; track the film first"])
+        calibration, p, rate = made.section(Calibration), made.params(TrackParams), self._rate("rod_video")
+        key = (json.dumps(plain(made.table), sort_keys=True, default=str), made.corrections, id(run), len(run.rows(0)))
+        if self._motion is None or self._motion[0] != key:
+            found = run.found(film, calibration, p, rate)
+            read = section_of(film, calibration, rate)
+            if read.scale == SCALE_OF_PIXELS:
+                p = replace(p, exposure_correction="none")
+            by_hand = {i: c for i, c in draft.corrections.items() if i < len(found.time)}
+            given = placed(by_hand) if RodCorrections.name in made.table else None
+            robot, actuation = made.section(Robot), made.section(Actuation)
+            self._motion = key, Motion(found, read, calibration, actuation, given, robot, p)
+        return self._motion[1]
 
     def flow(self, draft: Draft, frame: int, name: str, mean: bool) -> Flow:
         """The flow of the pair that holds a frame of the grain film, or of all pairs."""

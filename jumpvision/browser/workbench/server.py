@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import re
 import traceback
 from collections.abc import Callable
@@ -20,6 +21,7 @@ from jumpvision.films.frames import FrameError
 
 from .bench import Benches
 from .draft import draft_of
+from .plotting import Part
 
 LARGEST = 4_000_000  # bytes of a question
 FRAME = re.compile(r"/api/frame/([a-z_]+)/([0-9]{1,9})/([0-9]{1,5})\.jpg")
@@ -115,6 +117,19 @@ def _halt(b: Benches, _: Question) -> object:
     return {}
 
 
+def _fit(b: Benches, q: Question) -> object:
+    low, high = (q.get(k) for k in ("low", "high"))
+    if not all(isinstance(v, int | float) and math.isfinite(v) for v in (low, high)):
+        raise InputError([f"low, high = {low!r}, {high!r}: must be numbers, the ends of the part"])
+    part = Part(_text(q, "x"), _text(q, "y"), float(low), float(high), _text(q, "curve"))
+    return b.bench.motion(draft_of(q.get("draft"))).fit(part)
+
+
+def _keep(b: Benches, q: Question) -> object:
+    b.bench.keep(q.get("page"))
+    return {}
+
+
 def _followed(b: Benches, since: int) -> object:
     rows, run = b.bench.followed(since)
     if run is None:
@@ -143,6 +158,9 @@ QUESTIONS: dict[str, Callable[[Benches, Question], object]] = {
     "/api/flow/stop": _stop_pairs,
     "/api/flow/light": lambda b, q: b.bench.lit(draft_of(q.get("draft")), _whole(q, "frame"), _whole(q, "width")),
     "/api/bed": lambda b, q: b.bench.bed(draft_of(q.get("draft")), _whole(q, "frame")),
+    "/api/columns": lambda b, q: b.bench.motion(draft_of(q.get("draft"))).columns(),
+    "/api/fit": _fit,
+    "/api/keep": _keep,
     "/api/logs": lambda b, q: b.bench.logs(draft_of(q.get("draft"))),
     "/api/open": _change,
     "/api/role": _role,

@@ -73,7 +73,7 @@ export async function save() {
   wrote.className = "good";
   wrote.textContent = `Written: ${done.written.join(", ")}`;
   Object.assign(store.state, { exists: true, corrections: { ...store.draft.corrections } });
-  store.draft = { picks: {}, values: {}, corrections: store.draft.corrections };
+  store.draft = { picks: store.draft.picks, values: {}, corrections: store.draft.corrections }; // marks stay on the film
   changed();
 }
 

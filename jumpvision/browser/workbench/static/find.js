@@ -56,6 +56,13 @@ export async function track() {
   watch();
 }
 
+export async function resume() { // a track that the server has, of before a reload
+  const now = await get("api/track?since=0");
+  if (!now.rows.length && !now.running) return;
+  store.track = { rows: [], running: true, finished: false };
+  watch();
+}
+
 async function watch() {
   let now;
   do {

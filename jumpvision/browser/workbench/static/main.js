@@ -2,14 +2,17 @@
 import { attempt, changed, emit, film, load, on, post, start, store, times } from "./store.js";
 import { watchRun } from "./check.js";
 import { button, element, take } from "./fields.js";
-import { act, problem } from "./find.js";
+import { act, problem, resume } from "./find.js";
+import { begin as beginHistory, redo, undo } from "./history.js";
+import { begin as beginKeeping, kept, pause } from "./keep.js";
 import { play, player, seek, speeds } from "./player.js";
+import "./plot.js";
 import { look } from "./scale.js";
 import "./timeline.js";
 import { fit, zoom } from "./view.js";
 
 const $ = (id) => document.getElementById(id);
-const STEPS = ["scale", "find", "check", "run"];
+const STEPS = ["scale", "find", "check", "plot", "run"];
 const WORDS = { rod_video: "Rod", grain_video: "Grains", bed_image: "Bed", crater_image: "Crater" };
 
 export function step(name) {
@@ -22,6 +25,8 @@ export function step(name) {
     $(`step-${s}`).hidden = !on;
   }
   $("next").hidden = name !== "scale" || store.section === "crater_image";
+  document.body.classList.toggle("wide", name === "plot");
+  emit("step");
   if (name === "run") changed();
 }
 
@@ -32,11 +37,12 @@ function choose(section) {
   seek(0);
 }
 
-STEPS.forEach((s, i) => {
+STEPS.forEach((s) => {
   $(`tab-${s}`).addEventListener("click", () => step(s));
   $(`tab-${s}`).addEventListener("keydown", (e) => {
     const by = { ArrowRight: 1, ArrowLeft: -1 }[e.key];
-    if (by) { e.stopPropagation(); const next = STEPS[(i + by + 4) % 4]; step(next); $(`tab-${next}`).focus(); }
+    const there = STEPS.filter((t) => !$(`tab-${t}`).hidden);
+    if (by) { e.stopPropagation(); const next = there.at((there.indexOf(s) + by) % there.length); step(next); $(`tab-${next}`).focus(); }
   });
 });
 
@@ -52,11 +58,28 @@ on("state", () => {
   }));
   const none = !films.length; // logs and tracks alone: there is only to run
   document.body.classList.toggle("nofilm", none);
-  for (const s of STEPS.slice(0, 3)) $(`tab-${s}`).hidden = none;
+  for (const s of STEPS.slice(0, -1)) $(`tab-${s}`).hidden = none;
   $("facts").textContent = "";
   if (!none) choose(store.section);
   step(none ? "run" : "scale");
   if (none) $("hint").textContent = `${name} has no film or picture. Its logs and tracks need no clicks: run it, or choose another experiment.`;
+});
+// What was done before a reload is there again: draft, film, frame, step; and the track, which the server has.
+on("fresh", pause);
+on("begun", () => {
+  const was = film() && kept();
+  if (was) {
+    store.draft = was.draft;
+    Object.assign(store.plot, was.plot);
+    if (was.section !== store.section && store.state.films.some((f) => f.section === was.section)) choose(was.section);
+    emit("undone");
+    changed();
+    if (STEPS.includes(was.step)) step(was.step);
+    seek(was.frame ?? 0);
+  }
+  beginHistory();
+  beginKeeping();
+  if (film()) attempt(resume);
 });
 on("section", () => {
   const f = film(), { all, usual } = speeds();
@@ -107,9 +130,9 @@ const KEYS = [
   [["ArrowRight"], "On one frame; with Shift ten", (e) => seek(store.frame + (e.shiftKey ? 10 : 1))],
   [["Home"], "First frame", () => seek(0)],
   [["End"], "Last frame", () => seek(Infinity)],
-  [["1", "2", "3", "4"], "Scale, Find, Check, Run", (e) => step(STEPS[Number(e.key) - 1])],
+  [["1", "2", "3", "4", "5"], "Scale, Find, Check, Plot, Run", (e) => { const s = STEPS[Number(e.key) - 1]; if (!$(`tab-${s}`).hidden) step(s); }],
   [["b"], "Click the ball", () => { step("scale"); take({ key: "ball", numbers: 2, hint: "Click the ball" }); }],
-  [["m"], "Click two marks", () => { step("scale"); take({ key: "marks", numbers: 4, hint: "Click the one mark, then the other" }); }],
+  [["m"], "Draw the ruler", () => { step("scale"); take({ key: "marks", numbers: 4, drag: true, hint: "Drag from one end of a known length to the other, or click both ends" }); }],
   [["t"], "Track, match or find the surface", () => { step("find"); act(); }],
   [["s"], "Stop the tracker", () => attempt(() => post("api/track/stop"))],
   [["["], "Previous lost frame", () => problem(-1)],
@@ -118,6 +141,7 @@ const KEYS = [
   [["+", "="], "Magnify", () => zoom(1.5)],
   [["-"], "Make smaller", () => zoom(1 / 1.5)],
   [["0"], "Whole picture", fit],
+  [["Ctrl+Z"], "Undo; with Shift redo", () => {}],
   [["Escape", "Enter"], "End what is being clicked", () => take(null)],
   [["?"], "This list", () => $("help").showModal()],
 ];
@@ -126,6 +150,8 @@ $("keys").append(...KEYS.flatMap(([keys, words]) => [
   element("dt", {}, ...keys.map((k) => element("kbd", { textContent: NAMES[k] ?? k }))), element("dd", { textContent: words })]));
 $("help-open").addEventListener("click", () => $("help").showModal());
 addEventListener("keydown", (e) => {
+  const typed = e.target.matches("input:not([type=range]):not([type=checkbox])");
+  if ((e.ctrlKey || e.metaKey) && !e.altKey && e.key.toLowerCase() === "z" && !typed) { e.preventDefault(); if (e.shiftKey) redo(); else undo(); return; }
   if (e.ctrlKey || e.metaKey || e.altKey || $("help").open) return;
   const at = e.target, typing = at.matches("input:not([type=range]):not([type=checkbox]), select, textarea");
   if (e.key === "Escape" && typing) { at.blur(); return; }

@@ -1,4 +1,5 @@
 // What is drawn over the film: marks, the ball and its path, vectors, the bed's surface.
+import { arm, axes } from "./handles.js";
 import { picks, placed, store, value } from "./store.js";
 
 const BLUE = "#56b4e9", ORANGE = "#e69f00", RED = "#ff6b4a", GREEN = "#35d0a0", DARK = "rgb(0 0 0 / .65)";
@@ -31,6 +32,22 @@ export function overlay(pen, view) {
         for (let i = 0; i + 1 < v.length; i += 2) cross(toScreen(v[i], v[i + 1]));
         if (v.length === 4) { pen.moveTo(...toScreen(v[0], v[1])); pen.lineTo(...toScreen(v[2], v[3])); }
       });
+    }
+    if (p.marks?.length === 4 && p.distance) {
+      const [x, y] = toScreen((p.marks[0] + p.marks[2]) / 2, (p.marks[1] + p.marks[3]) / 2);
+      pen.font = "13px system-ui, sans-serif";
+      for (const [colour, width] of [[DARK, 4], [null, 0]]) {
+        pen.strokeStyle = colour; pen.lineWidth = width; pen.fillStyle = "#fff";
+        if (colour) pen.strokeText(`${p.distance} mm`, x + 8, y - 8); else pen.fillText(`${p.distance} mm`, x + 8, y - 8);
+      }
+    }
+    const a = axes();
+    if (a) {
+      const o = toScreen(...a.o), y = arm(a.angle, o), x = arm(a.angle - Math.PI / 2, o);
+      on(BLUE, 2, () => { for (const end of [x, y]) { pen.moveTo(...o); pen.lineTo(...end); } pen.moveTo(o[0] + 4, o[1]); pen.arc(o[0], o[1], 4, 0, 7); pen.moveTo(y[0] + 5, y[1]); pen.arc(y[0], y[1], 5, 0, 7); });
+      pen.fillStyle = "#fff";
+      pen.font = "bold 13px system-ui, sans-serif";
+      for (const [word, [u, v]] of [["x", arm(a.angle - Math.PI / 2, o, 76)], ["y", arm(a.angle, o, 76)]]) pen.fillText(word, u - 4, v + 4);
     }
     if (p.ball) on(ORANGE, 1.5, () => cross(toScreen(...p.ball)));
     const foot = p.foot ?? [value("grain_video", "axis_column"), value("grain_video", "foot_row")];
@@ -67,6 +84,18 @@ export function overlay(pen, view) {
         open = q !== null;
       }
     });
+    const model = store.step === "plot" ? store.fit : null;
+    if (model?.column) { // the fitted curve, and where it puts the ball in this frame
+      on(ORANGE, 1.5, () => {
+        let open = false;
+        model.column.forEach((c, i) => {
+          if (c === null) { open = false; return; }
+          if (open) pen.lineTo(...toScreen(c, model.row[i])); else pen.moveTo(...toScreen(c, model.row[i]));
+          open = true;
+        });
+        if (model.column[store.frame] != null) cross(toScreen(model.column[store.frame], model.row[store.frame]), 12);
+      });
+    }
     const hand = store.draft.corrections[store.frame];
     const d = store.ball?.diameter ?? 21;
     if (now) {

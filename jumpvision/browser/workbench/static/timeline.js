@@ -1,5 +1,6 @@
 // Under the film, on its clock: the height of the ball in the picture, lost frames, the logs. Drag to move the time, drag a
 // log to move it against the film.
+import { axes } from "./handles.js";
 import { film, mine, on, placed, store, times, value } from "./store.js";
 import { frameAt, seek } from "./player.js";
 import { shiftLog } from "./check.js";
