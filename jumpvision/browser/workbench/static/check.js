@@ -14,9 +14,9 @@ typed.addEventListener("change", () => {
   if (v.length === 2 && v.every(Number.isFinite)) { store.draft.corrections[store.frame] = v; changed(); emit("track"); }
 });
 const list = element("ul", { className: "list" }), logs = element("div", {});
-check.append(element("h2", { textContent: "Is it right?" }), counts,
+check.append(element("div", { className: "ball-only" }, element("h2", { textContent: "Is it right?" }), counts,
   element("div", { className: "buttons" }, button("‹ Previous lost", () => problem(-1)), button("Next lost ›", () => problem(1)), fix),
-  row("Ball in this frame", typed), why, element("h3", { textContent: "Corrected by hand" }), list,
+  row("Ball in this frame", typed), why, element("h3", { textContent: "Corrected by hand" }), list),
   element("h3", { textContent: "Logs on the film's clock" }), logs);
 
 on("state track frame draft tool", () => {
@@ -36,7 +36,7 @@ on("logs", () => {
     element("strong", { textContent: `[${log.section}]` }), ...(log.problem ? [element("p", { className: "bad", textContent: log.problem })]
       : [valueNumber(log.section, "start", "Starts at [s]", { usual: 0 }).made])));
   const sigma = valueNumber("clock", "offset_sigma", "How well that is known, sigma [s]", { usual: 0 }).made;
-  logs.replaceChildren(...(made.length ? [...made, sigma, element("p", { className: "note", textContent: "Drag a log under the film until its motion lies on that of the ball; sigma is set to the time of one pixel." })]
+  logs.replaceChildren(...(made.length ? [...made, sigma, element("p", { className: "note", textContent: "Drag a log under the film until its motion lies on that in the film; sigma is set to the time of one pixel." })]
     : [element("p", { className: "note", textContent: "There are none here." })]));
   emit("preview");
 });

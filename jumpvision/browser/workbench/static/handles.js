@@ -1,4 +1,5 @@
 // What lies on the film and can be taken hold of: ends of the ruler and the rail, the ball, the foot, corners, the axes.
+import { keepLine } from "./flow_line.js";
 import { changed, emit, picks, placed, setValue, store, value } from "./store.js";
 
 const ARM = 60; // px on the screen from the origin to the end of an arm of the cross
@@ -46,6 +47,10 @@ export function handles(toScreen) {
   }
   (p.leave_out ?? []).forEach((q, n) => out.push(...points("leave_out", q).map((h, i) => ({ ...h, key: `leave_out.${n}.${i}`, set: (c, r) => { p.leave_out[n][2 * i] = c; p.leave_out[n][2 * i + 1] = r; } }))));
   if (s === "rod_video" && p.ball?.length === 2 && store.step === "scale") out.push({ key: "ball", at: p.ball, set: (c, r) => put("ball", [c, r]) });
+  const line = s === "grain_video" && store.flow?.line;
+  if (line) {
+    for (const i of [0, 2]) out.push({ key: `line.${i}`, at: [line[i], line[i + 1]], set: (c, r) => { line[i] = c; line[i + 1] = r; keepLine(line); } });
+  }
   const hand = store.draft.corrections[store.frame];
   if (s === "rod_video" && store.step === "check" && (hand || placed(store.frame))) {
     out.push({ key: "correct", at: hand ?? placed(store.frame).slice(0, 2), set: (c, r) => { store.draft.corrections[store.frame] = [c, r]; } });

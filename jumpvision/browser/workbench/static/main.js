@@ -1,5 +1,5 @@
 // The page: header, transport, steps, keys. What is clicked in the steps stands in scale.js, find.js and check.js.
-import { attempt, changed, emit, film, load, on, post, start, store, times } from "./store.js";
+import { attempt, changed, emit, film, load, on, post, start, store, times, value } from "./store.js";
 import { watchRun } from "./check.js";
 import { button, element, take } from "./fields.js";
 import { act, problem, resume } from "./find.js";
@@ -7,13 +7,14 @@ import { begin as beginHistory, redo, undo } from "./history.js";
 import { begin as beginKeeping, kept, pause } from "./keep.js";
 import { play, player, seek, speeds } from "./player.js";
 import "./plot.js";
+import "./flow_plot.js";
 import { look } from "./scale.js";
 import "./timeline.js";
 import { fit, zoom } from "./view.js";
 
 const $ = (id) => document.getElementById(id);
 const STEPS = ["scale", "find", "check", "plot", "run"];
-const WORDS = { rod_video: "Rod", grain_video: "Grains", bed_image: "Bed", crater_image: "Crater" };
+const WORDS = { rod_video: "Rod", grain_video: "Flow", bed_image: "Bed", crater_image: "Crater" };
 
 export function step(name) {
   store.step = name;
@@ -32,7 +33,7 @@ export function step(name) {
 
 function choose(section) {
   if (player.playing) play(false);
-  Object.assign(store, { section, frame: 0, tool: null, pair: null, bed: null });
+  Object.assign(store, { section, frame: 0, tool: null, bed: null });
   emit("section");
   seek(0);
 }
@@ -83,8 +84,8 @@ on("begun", () => {
 });
 on("section", () => {
   const f = film(), { all, usual } = speeds();
+  document.body.dataset.section = store.section;
   for (const b of $("films").children) b.setAttribute("aria-pressed", String(b.dataset.section === store.section));
-  $("facts").textContent = [f.file, f.facts, ...(f.timed ? [] : ["no clock in the file: give the frame rate"])].filter(Boolean).join(" · ");
   $("facts").title = [...f.notes, ...store.state.notes].join("\n");
   Object.assign($("scrub"), { max: f.time.length - 1, value: 0 });
   $("speed").replaceChildren(...all.map((s) => element("option", { value: s, textContent: s === 1 ? "1" : `1/${Math.round(1 / s)}`, selected: s === usual })));
@@ -95,6 +96,8 @@ on("section", () => {
 on("frame section preview", () => {
   const f = film();
   if (!f) return;
+  const clock = f.timed || f.time.length < 2 || value(f.section, "frame_rate") ? [] : ["no clock in the file: give the frame rate"];
+  $("facts").textContent = [f.file, f.facts, ...clock].filter(Boolean).join(" · ");
   $("scrub").value = store.frame;
   $("clock").textContent = `${(1e3 * times()[store.frame]).toFixed(3)} ms · ${store.frame} / ${f.time.length - 1}`;
   const t = $("timeline");
@@ -133,7 +136,7 @@ const KEYS = [
   [["1", "2", "3", "4", "5"], "Scale, Find, Check, Plot, Run", (e) => { const s = STEPS[Number(e.key) - 1]; if (!$(`tab-${s}`).hidden) step(s); }],
   [["b"], "Click the ball", () => { step("scale"); take({ key: "ball", numbers: 2, hint: "Click the ball" }); }],
   [["m"], "Draw the ruler", () => { step("scale"); take({ key: "marks", numbers: 4, drag: true, hint: "Drag from one end of a known length to the other, or click both ends" }); }],
-  [["t"], "Track, match or find the surface", () => { step("find"); act(); }],
+  [["t"], "Track, match, or find the surface", () => { step("find"); act(); }],
   [["s"], "Stop the tracker", () => attempt(() => post("api/track/stop"))],
   [["["], "Previous lost frame", () => problem(-1)],
   [["]"], "Next lost frame", () => problem(1)],
@@ -145,9 +148,10 @@ const KEYS = [
   [["Escape", "Enter"], "End what is being clicked", () => take(null)],
   [["?"], "This list", () => $("help").showModal()],
 ];
+const OF_A_BALL = ["b", "s", "[", "]", "c"];
 const NAMES = { " ": "Space", ArrowLeft: "←", ArrowRight: "→" };
 $("keys").append(...KEYS.flatMap(([keys, words]) => [
-  element("dt", {}, ...keys.map((k) => element("kbd", { textContent: NAMES[k] ?? k }))), element("dd", { textContent: words })]));
+  element("dt", { className: OF_A_BALL.includes(keys[0]) ? "ball-only" : "" }, ...keys.map((k) => element("kbd", { textContent: NAMES[k] ?? k }))), element("dd", { className: OF_A_BALL.includes(keys[0]) ? "ball-only" : "", textContent: words })]));
 $("help-open").addEventListener("click", () => $("help").showModal());
 addEventListener("keydown", (e) => {
   const typed = e.target.matches("input:not([type=range]):not([type=checkbox])");
@@ -159,7 +163,7 @@ addEventListener("keydown", (e) => {
   const presses = at.matches("button, input[type=checkbox], summary") && (e.key === " " || e.key === "Enter");
   if (typing || slides || presses) return;
   const found = KEYS.find(([keys]) => keys.includes(e.key));
-  if (!found || !film()) return;
+  if (!found || !film() || (OF_A_BALL.includes(found[0][0]) && store.section !== "rod_video")) return;
   e.preventDefault();
   found[2](e);
 });

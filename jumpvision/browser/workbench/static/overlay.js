@@ -1,4 +1,5 @@
 // What is drawn over the film: marks, the ball and its path, vectors, the bed's surface.
+import { flowOver } from "./flow_drawing.js";
 import { arm, axes } from "./handles.js";
 import { picks, placed, store, value } from "./store.js";
 
@@ -13,9 +14,9 @@ export function overlay(pen, view) {
   };
   const cross = ([x, y], s = 9) => { pen.moveTo(x - s, y); pen.lineTo(x + s, y); pen.moveTo(x, y - s); pen.lineTo(x, y + s); };
   const circle = ([x, y], r) => { pen.moveTo(x + r, y); pen.arc(x, y, r, 0, 7); };
+  if (store.section === "grain_video") flowOver(pen, view);
   marks(on, cross, view);
   if (store.section === "rod_video") ball(on, cross, circle, view);
-  if (store.section === "grain_video" && store.pair) vectors(pen, view);
   if (store.section === "bed_image" && store.bed) {
     on(GREEN, 1.5, () => store.bed.row.forEach((r, c) => {
       if (r === null) return;
@@ -108,26 +109,3 @@ export function overlay(pen, view) {
   }
 }
 
-function vectors(pen, { toScreen, k }) {
-  const { x, y, u, v, reason, reasons, frame } = store.pair;
-  if (frame !== store.frame) return;
-  const longest = Math.max(1e-6, ...u.map((a, i) => (reasons[reason[i]] === "" ? Math.hypot(a, v[i]) : 0)));
-  const step = x.length > 1 ? Math.abs(x[1] - x[0]) : 8, scale = 1.6 * step / longest;
-  for (const good of [true, false]) {
-    if (!good && !store.rejected) continue;
-    pen.strokeStyle = good ? GREEN : RED;
-    pen.lineWidth = 1.4;
-    pen.beginPath();
-    for (let i = 0; i < x.length; i++) {
-      if ((reasons[reason[i]] === "") !== good) continue;
-      const a = toScreen(x[i], y[i]);
-      if (u[i] === null) { pen.moveTo(a[0] - 2, a[1] - 2); pen.lineTo(a[0] + 2, a[1] + 2); pen.moveTo(a[0] + 2, a[1] - 2); pen.lineTo(a[0] - 2, a[1] + 2); continue; }
-      const b = toScreen(x[i] + u[i] * scale, y[i] + v[i] * scale), angle = Math.atan2(b[1] - a[1], b[0] - a[0]);
-      const head = Math.min(5, 0.4 * Math.hypot(b[0] - a[0], b[1] - a[1]));
-      pen.moveTo(...a); pen.lineTo(...b);
-      pen.lineTo(b[0] - head * Math.cos(angle - 0.5), b[1] - head * Math.sin(angle - 0.5));
-      pen.moveTo(...b); pen.lineTo(b[0] - head * Math.cos(angle + 0.5), b[1] - head * Math.sin(angle + 0.5));
-    }
-    pen.stroke();
-  }
-}

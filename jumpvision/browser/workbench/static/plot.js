@@ -212,7 +212,8 @@ function hands(u, parts = true) {
 
 on("begun", () => { store.columns = null; });
 on("preview step", ask);
-on("section", () => { document.getElementById("tab-plot").hidden = store.section !== "rod_video"; });
+const own = [...box.children];
+on("section", () => { for (const e of own) e.classList.toggle("elsewhere", store.section !== "rod_video"); });
 let polled = 0;
 on("track", () => { // of a running tracker four times a second at most
   const now = performance.now();

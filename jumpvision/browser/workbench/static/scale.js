@@ -28,18 +28,17 @@ const parts = {
     rate("rod_video"),
   ],
   grain_video: [
-    element("h3", { textContent: "Origin and axes" }),
-    place("foot", "Foot, on its axis", 2, "Click the foot's lower face on its axis: the origin, x right, y up"),
     element("h3", { textContent: "A known length" }), ...marks(),
     element("h3", { textContent: "What is matched" }),
     place("roi", "Part to match", 4, "Drag over the part to match, or click two corners", true),
     polygons(), rate("grain_video"),
+    foot(),
   ],
   bed_image: [place("floor", "Floor of the bed", 1, "Click the floor of the bed"), element("h3", { textContent: "A known length" }), ...marks()],
   crater_image: [element("h3", { textContent: "A known length" }), ...marks()],
 };
 const roles = element("div", { className: "row" }, element("span", { id: "shows", textContent: "This film shows" }),
-  element("div", { className: "choice", data: { role: "group", "aria-labelledby": "shows" } }, ...[["rod_video", "a ball"], ["grain_video", "grains"]].map(([role, words]) => {
+  element("div", { className: "choice", data: { role: "group", "aria-labelledby": "shows" } }, ...[["rod_video", "a ball"], ["grain_video", "grains or a flow"]].map(([role, words]) => {
     const b = button(words, async () => {
       if (role === store.section) return;
       const state = await attempt(() => post("api/role", { section: store.section, role }));
@@ -73,6 +72,14 @@ function cross() { // the axes of the ball: a cross that is dragged by its middl
   return out;
 }
 
+// A foot that goes through the grains is the origin, and is followed and left out: only where there is one.
+function foot() {
+  const made = element("details", {}, element("summary", { textContent: "A foot goes through the grains" }),
+    place("foot", "Foot, on its axis", 2, "Click the foot's lower face on its axis: the origin, x right, y up"));
+  on("state", () => { made.open = store.table.grain_video?.foot_row != null || store.state.films.some((f) => f.section === "rod_video"); });
+  return made;
+}
+
 function polygons() {
   const said = element("span", { className: "note" });
   const draw = button("Draw", () => take({ key: "leave_out", numbers: 0, hint: "Click the corners; Enter or the button ends the polygon" }));
@@ -96,7 +103,8 @@ on("state section preview", () => {
   for (const b of roles.querySelectorAll("button")) b.setAttribute("aria-pressed", String(b.dataset.role === store.section));
   const scale = store.table[store.section]?.scale, sigma = store.table[store.section]?.scale_sigma;
   facts.textContent = scale ? `Scale: ${Number((1e3 * scale).toPrecision(4))} mm per pixel${sigma ? ` ± ${(100 * sigma / scale).toPrecision(2)} %` : ""}`
-    : "No scale yet: a track stays in pixels until a ruler or the ball's diameter is given.";
+    : store.section === "rod_video" ? "No scale yet: a track stays in pixels until a ruler or the ball's diameter is given."
+      : "No scale yet: all stays in pixels until two marks and their distance are given.";
 });
 
 // A click goes to the tool that is armed; without one, on the rod film, it is the ball.
@@ -112,6 +120,11 @@ onPick((c, r) => {
     emit("draft");
     return;
   }
+  if (tool.put) { // brings its own place for what is drawn, by two clicks too
+    tool.ends = [...(tool.ends ?? []), c, r];
+    if (tool.ends.length === tool.numbers) { take(null); tool.put(tool.ends, true); }
+    return;
+  }
   if (tool.key === "ball") { ballAt(c, r); take(null); return; }
   const v = picks()[tool.key], old = Array.isArray(v) && v.length < tool.numbers ? v : [];
   const next = tool.numbers === 1 ? r : [...old, c, r];
@@ -121,7 +134,8 @@ onPick((c, r) => {
   setPick(tool.key, next);
 });
 onDraw((a, b, done) => { // a ruler, a rail or a part, from one end to the other
-  const key = store.tool.key;
+  const { key, put } = store.tool;
+  if (put) { if (done) take(null); put([...a, ...b], done); return; }
   picks()[key] = [...a, ...b];
   if (!done) { emit("draft"); return; }
   take(null);

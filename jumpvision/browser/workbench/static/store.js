@@ -56,7 +56,7 @@ export const store = {
   draft: { picks: {}, values: {}, corrections: {} },
   ball: null,         // found in the frame that the track begins with
   track: { rows: [], running: false },
-  pair: null, bed: null, logs: [], rejected: true,
+  bed: null, logs: [], rejected: true,
   plot: { x: "time", y: "y", curve: "", part: null }, columns: null, fit: null,
 };
 
@@ -104,7 +104,7 @@ export function setPick(key, v) { picks()[key] = v; changed(); }
 export function setValue(section, key, v) { (store.draft.values[section] ??= {})[key] = v; changed(); }
 
 export async function load(state, section = "") {
-  Object.assign(store, { state, table: state.given, frame: 0, tool: null, ball: null, pair: null, bed: null, preview: null,
+  Object.assign(store, { state, table: state.given, frame: 0, tool: null, ball: null, bed: null, preview: null,
     track: { rows: [], running: false }, draft: { picks: {}, values: {}, corrections: { ...state.corrections } } });
   store.section = section || (state.films[0]?.section ?? "");
   Object.assign(store, { columns: null, fit: null, plot: { x: "time", y: "y", curve: "", part: null } });

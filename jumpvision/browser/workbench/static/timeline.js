@@ -17,8 +17,9 @@ function span() { // of the film, with a tenth of it on either side for the logs
   return [a - pad, (b > a ? b : a + 1) + pad];
 }
 function lanes(height) {
-  const logs = store.logs.filter((l) => l.t.length), n = logs.length + 1, h = (height - TOP - AXIS) / n;
-  return [{ top: TOP, h }, ...logs.map((log, i) => ({ log, top: TOP + (i + 1) * h, h }))];
+  const found = store.logs.filter((l) => l.t.length).map((log) => ({ log })), own = store.state?.films.some((f) => f.section === "rod_video") ? [{}] : [];
+  const all = [...own, ...found], h = (height - TOP - AXIS) / all.length;
+  return all.map((lane, i) => ({ ...lane, top: TOP + i * h, h }));
 }
 
 export function redraw() {
@@ -28,6 +29,7 @@ export function redraw() {
 }
 
 function draw() {
+  canvas.hidden = !lanes(1).length; // a flow alone has nothing to show over time
   const f = film(), { width, height } = canvas.getBoundingClientRect(), dpr = devicePixelRatio || 1;
   if (!f || !width) return;
   canvas.width = Math.round(width * dpr);
