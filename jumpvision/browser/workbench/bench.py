@@ -17,6 +17,8 @@ from jumpvision.base.record import plain
 from jumpvision.base.schema import InputError
 from jumpvision.base.storage import write_aside
 from jumpvision.experiment.campaign.folder import results_of
+from jumpvision.experiment import files
+from jumpvision.experiment.campaign.folder import results_of
 from jumpvision.experiment.init.recognise import ANY_RATE, FILMS, Recording, ball, recognised, recordings
 from jumpvision.experiment.init.text import PICKED, RESULTS, Choices, drafted
 from jumpvision.experiment.inputs.experiment import CAMPAIGN, EXPERIMENT, folder_of
@@ -36,7 +38,8 @@ from jumpvision.films.parameters import BedParams, TrackParams
 
 from .draft import CORRECTIONS, HEAD, Composed, Draft, composed, placed
 from .films import Shown
-from .flowing import Flowing
+from .earlier import Before, Earlier, FoundBefore
+from .flowing import Asked, Flowing
 from .flowing import Shown as Flow
 from .following import Following, Row, section_of
 from .logs import Trace, traces
@@ -107,7 +110,7 @@ class Bench:
         }
         self.films = {s: Shown(folder / self.recordings[s].file) for s in PICKED if s in self.recordings}
         self.following: Following | None = None
-        self.flowing = Flowing()
+        self.flowing, self.before = Flowing(), None  # type: Flowing, FoundBefore | None
         self._motion: tuple[object, Motion] | None = None
         self._kept: object = None
         self._lock = threading.Lock()
@@ -226,9 +229,9 @@ class Bench:
         time = self.film(section).film.time
         return 1.0 / float(np.median(np.diff(time))) if len(time) > 1 else ANY_RATE
 
-    def followed(self, since: int) -> tuple[list[Row], Following | None]:
+    def followed(self, since: int) -> tuple[list[Row], Following | FoundBefore | None]:
         """Rows from frame `since` on, and the run that they are of."""
-        run = self.following
+        run = self.following or self.before
         return (run.rows(since), run) if run else ([], None)
 
     def motion(self, draft: Draft) -> Motion:
@@ -257,6 +260,16 @@ class Bench:
     def all_pairs(self, draft: Draft) -> None:
         """Begin to match all pairs of the grain film."""
         self.flowing.all_pairs(self.composed(draft), self._own_rate("grain_video"))
+
+    def earlier(self, whole: Path) -> Before:
+        """What a run of it, alone or with its campaign, left; the track and vectors that still hold are taken."""
+        found = Before(self.folder, whole)
+        if not self.following and "rod_video" in self.films:
+            self.before = found.track()
+        if "grain_video" in self.films and not (self.flowing.batch and self.flowing.batch.running):
+            asked = Asked.of(self.composed(Draft()), self._own_rate("grain_video"))
+            self.flowing.batch = found.flow(asked) or self.flowing.batch
+        return found
 
     def lit(self, draft: Draft, frame: int, width: int) -> dict[str, Any]:
         """A frame of the grain film as it is matched."""
@@ -324,6 +337,22 @@ class Benches:
             if self.running and self.running.running:
                 raise InputError(["run: already running; stop it first"])
             self.running = Running(self.whole)
+
+    def earlier(self) -> Earlier:
+        """What the last run left of what lies on the bench."""
+        return self.bench.earlier(self.whole).seen()
+
+    def report(self, name: str = "") -> bytes:
+        """The page of the last run: of the whole, or of an experiment of it. InputError where there is none."""
+        if name and name not in self.folders:
+            raise InputError([f"report of '{name}': must be one of {', '.join(self.folders)}"])
+        if name or self.whole == self.bench.folder:
+            file = Before(self.folders.get(name, self.bench.folder), self.whole).results / files.REPORT
+        else:
+            file = results_of(self.whole) / files.REPORT
+        if not file.exists():
+            raise InputError([f"{file}: no such page yet; run it first"])
+        return file.read_bytes()
 
     def close(self) -> None:
         if self.running:

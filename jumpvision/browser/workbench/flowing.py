@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import cv2
 import numpy as np
@@ -34,6 +34,9 @@ from jumpvision.films.vision.piv.light import light_of
 from jumpvision.films.vision.piv.pair import MEASURED, REASONS
 
 from .draft import Composed
+
+if TYPE_CHECKING:
+    from .earlier import MatchedBefore
 
 Kept = TypeVar("Kept")
 OF_ONE = ("speed", "u", "v", "vorticity", "divergence", "shear_rate", "swirl")
@@ -120,7 +123,7 @@ class Flowing:
 
     def __init__(self) -> None:
         self._lock, self._kept = threading.Lock(), dict[str, tuple[Hashable, Any]]()
-        self.batch: Batch | None = None
+        self.batch: Batch | MatchedBefore | None = None
 
     def _last(self, what: str, key: Hashable, work: Callable[[], Kept]) -> Kept:
         if self._kept.get(what, (None,))[0] != key:

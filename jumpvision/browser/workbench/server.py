@@ -13,8 +13,9 @@ import re
 import traceback
 from collections.abc import Callable
 from pathlib import Path
+from urllib.parse import unquote
 
-from jumpvision.base.local_page import LocalHandler, LocalServer, Refused, static_files
+from jumpvision.base.local_page import ALONE, LocalHandler, LocalServer, Refused, static_files
 from jumpvision.base.record import plain
 from jumpvision.base.schema import InputError
 from jumpvision.films.frames import FrameError
@@ -26,6 +27,7 @@ from .plotting import Part
 LARGEST = 4_000_000  # bytes of a question
 FRAME = re.compile(r"/api/frame/([a-z_]+)/([0-9]{1,9})/([0-9]{1,5})\.jpg")
 TRACK = re.compile(r"/api/track\?since=([0-9]{1,9})")
+REPORT = re.compile(r"/report/(?:([^/]+)/)?report\.html")
 Question = dict[str, object]
 
 
@@ -202,6 +204,10 @@ class Handler(LocalHandler):
             self._json(200, benches.state())
         elif path == "/api/flow/all":
             self._json(200, _matched(benches))
+        elif path == "/api/earlier":
+            self._json(200, benches.earlier())
+        elif m := REPORT.fullmatch(path):
+            self.send(200, "text/html; charset=utf-8", benches.report(unquote(m[1] or "")), ALONE)
         elif path == "/api/run":
             self._json(200, _ran(benches))
         elif (file := path.partition("?")[0]) in self.server.files:

@@ -235,7 +235,8 @@ def ball_motion(film: RodVideo, found: BallTrack, time: NDArray[np.float64], vie
     if bad.any():
         lost = np.flatnonzero(bad)
         said = f"{which}{lost.size} of {n} frames lost (first {lost[0]}: {flag[lost[0]]})"
-        warnings.warn(StageWarning("frames", said, film.name, {"lost": int(lost.size), "of": n}), stacklevel=2)
+        numbers = {"lost": int(lost.size), "of": n, "frame": int(lost[0])}
+        warnings.warn(StageWarning("frames", said, film.name, numbers), stacklevel=2)
     for note in found.notes:
         warnings.warn(StageWarning("frames", f"{which}{note}", film.name), stacklevel=2)
     x, y, sigma = (np.where(bad, np.nan, v) for v in (found.x, found.y, found.sigma))

@@ -52,9 +52,9 @@ const write = button("Write experiment.toml", () => save(), "main");
 write.id = "write";
 const start = button("Run", () => go(), "main"), halt = button("Stop", () => attempt(() => post("api/run/stop")));
 const bar = element("progress", { max: 1, value: 0, data: { "aria-label": "Experiments done" } });
-const said = element("p", { data: { "aria-live": "polite" } }), lines = element("pre", { tabIndex: 0, data: { "aria-label": "Lines of the run" } });
+const said = element("p", { id: "run-said", data: { "aria-live": "polite" } }), lines = element("pre", { tabIndex: 0, data: { "aria-label": "Lines of the run" } });
 runs.append(element("h2", { textContent: "Write and run" }), diff, element("div", { className: "buttons" }, write), wrote,
-  element("h3", { textContent: "The rest" }), element("div", { className: "buttons" }, start, halt), bar, said, lines);
+  element("h3", { textContent: "The rest" }), element("div", { className: "buttons" }, start, halt), bar, said, element("details", {}, element("summary", { textContent: "What the run says" }), lines));
 
 on("state preview", () => {
   const p = store.preview, many = (store.state?.experiments.length ?? 0) > 1;
@@ -83,7 +83,7 @@ async function go() {
 }
 
 export async function watchRun() {
-  for (;;) {
+  for (let began = false; ; began = true) {
     const now = await attempt(() => get("api/run"));
     if (!now) return;
     start.disabled = now.running;
@@ -94,7 +94,7 @@ export async function watchRun() {
     lines.hidden = !now.lines?.length;
     lines.textContent = (now.lines ?? []).join("\n");
     lines.scrollTop = lines.scrollHeight;
-    if (!now.running) return;
+    if (!now.running) { if (began) emit("ran"); return; }
     await new Promise((done) => setTimeout(done, 500));
   }
 }

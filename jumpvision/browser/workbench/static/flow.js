@@ -88,10 +88,14 @@ on("frame", () => {
   if (store.flow && live.checked && !store.mean && !player.playing && store.frame !== store.flow.frame) later = setTimeout(match, WAIT);
 });
 on("section fresh", () => { Object.assign(store, { flow: null, lit: null, pointer: null, mean: false }); of.value = ""; matched = ""; offer(); counts.textContent = ""; now.textContent = ""; });
-on("section", async () => {
+on("section", () => {
   if (store.section !== "grain_video") return;
   all.hidden = of.parentNode.hidden = store.state.films.find((f) => f.section === "grain_video").time.length < 3;
-  if ((await attempt(() => get("api/flow/all")))?.running) watch();
+});
+on("earlier", async () => { // fields that the server has: of a run, or of before a reload
+  if (store.section !== "grain_video") return;
+  const run = await attempt(() => get("api/flow/all"));
+  if (run?.running || run?.matched) watch();
 });
 
 // The picture as it is matched, in place of the film's.

@@ -8,6 +8,7 @@ import { begin as beginKeeping, kept, pause } from "./keep.js";
 import { play, player, seek, speeds } from "./player.js";
 import "./plot.js";
 import "./flow_plot.js";
+import { look as lookBack, onJump } from "./report.js";
 import { look } from "./scale.js";
 import "./timeline.js";
 import { fit, zoom } from "./view.js";
@@ -80,7 +81,7 @@ on("begun", () => {
   }
   beginHistory();
   beginKeeping();
-  if (film()) attempt(resume);
+  lookBack().then(() => film() && attempt(resume));
 });
 on("section", () => {
   const f = film(), { all, usual } = speeds();
@@ -168,6 +169,7 @@ addEventListener("keydown", (e) => {
   found[2](e);
 });
 
+onJump(choose);
 await attempt(start);
 watchRun();
 window.workbench.ready = true;

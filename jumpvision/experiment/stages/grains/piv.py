@@ -266,7 +266,8 @@ def follow_foot(frames: Film, film: GrainVideo, robot: Robot | None, p: PivParam
     lost = np.flatnonzero(~np.isfinite(found.row))
     if lost.size:
         said = f"foot lost in {lost.size} of {len(frames)} frames (first {lost[0]})"
-        warnings.warn(StageWarning("frames", said, film.name), stacklevel=2)
+        numbers = {"lost": int(lost.size), "of": len(frames), "frame": int(lost[0])}
+        warnings.warn(StageWarning("frames", said, film.name, numbers), stacklevel=2)
     return found
 
 
