@@ -7,6 +7,7 @@ import os
 import threading
 import time
 import tomllib
+import urllib.request
 from pathlib import Path
 
 import cv2
@@ -16,10 +17,11 @@ import xarray as xr
 
 from jumpvision.browser.workbench.bench import Benches
 from jumpvision.browser.workbench.draft import draft_of
-from jumpvision.browser.workbench.flowing import OF_ONE
+from jumpvision.browser.workbench.flowing import OF_ONE, Asked
 from jumpvision.browser.workbench.server import Server
 from jumpvision.cli import main
 from jumpvision.experiment.results.tables import Profiles
+from jumpvision.experiment.stages.grains.flow import derivatives
 from jumpvision.experiment.stages.grains.statistics import along_line
 from jumpvision.films.grains.dataset import as_matched
 
@@ -86,7 +88,7 @@ def waited(flowing) -> None:
 
 SETTINGS = {
     "plain": "",
-    "foot, mask, part": "",
+    "mask, part": "",
     "slow": "[params.piv]\nbaseline = 3\n",
     "steady": "[params.piv]\nensemble = 3\n",
     "light": '[params.piv]\nbackground = "minimum"\nclahe = 24\nwindow = 16\nstep = 12\n',
@@ -97,7 +99,7 @@ SETTINGS = {
 def test_a_pair_on_the_page_is_the_stage_s_to_the_last_bit(name, tmp_path):
     folder = film(tmp_path / "film", 8)
     head = 'schema = 1\n[grain_video]\nfile = "piv_*.png"\nframe_rate = 100.0\nscale = 1e-4\n'
-    if name == "foot, mask, part":
+    if name == "mask, part":
         mask = np.full((ROWS, COLUMNS), 255, np.uint8)
         mask[70:, 90:] = 0
         cv2.imwrite(str(folder / "mask.png"), mask)
@@ -170,3 +172,242 @@ def test_the_mean_and_its_profile_are_those_of_the_pipeline(tmp_path):
     stage("piv", folder)
     same(one.values, of_file(results / "piv.nc", 3).u.values)
     b.close()
+
+
+# --- after a run ------------------------------------------------------------------------------------------------------
+
+
+def test_vectors_of_a_run_on_the_command_line_are_taken_while_they_hold(tmp_path):
+    folder = film(tmp_path / "film", 4)
+    text = 'schema = 1\n[grain_video]\nfile = "piv_*.png"\nframe_rate = 100.0\n'
+    (folder / "experiment.toml").write_text(text)
+    assert main(["piv", str(folder), "--no-pictures"]) == 0
+    b = Benches(folder)
+    e = b.earlier()
+    assert e.held == ("piv.nc",) and e.changed == () and b.bench.flowing.batch.piv is not None
+    same(b.bench.flow(draft_of({}), 2, "v", False).values, of_file(Path(e.results) / "piv.nc", 2).v.values)
+    b.close()
+    (folder / "experiment.toml").write_text(text + "[params.piv]\nwindow = 32\n")
+    b = Benches(folder)
+    assert (b.earlier().held, b.earlier().changed) == ((), ("piv.nc",)) and b.bench.flowing.batch is None
+    b.close()
+
+
+def test_a_track_of_the_command_line_is_there_when_the_page_opens(tmp_path, served):
+    falling(tmp_path / "drop", lost=(7, 8))
+    toml = 'schema = 1\n[rod_video]\nfile = "rod.npy"\nframe_rate = 100.0\nscale = 1e-3\n'
+    (tmp_path / "drop" / "experiment.toml").write_text(toml)
+    assert main(["track", str(tmp_path / "drop"), "--no-pictures"]) == 0
+    s = served(tmp_path / "drop")
+    before = asked(s, "api/earlier")
+    assert before["held"] == ["track.csv"]
+    (warning,) = before["warnings"]
+    assert warning["recording"] == "rod_video" and warning["values"]["frame"] == 7
+    track = asked(s, "api/track?since=0")
+    assert track["finished"] and len(track["rows"]) == 20 and [r[3] != "" for r in track["rows"]].index(True) == 7
+
+
+# --- by hand, in a browser --------------------------------------------------------------------------------------------
+
+
+def falling(folder: Path, lost: tuple[int, ...] = ()) -> None:
+    """A film of a ball, 20 frames, dark in those that are lost."""
+    folder.mkdir()
+    y, x = np.mgrid[:160, :120]
+    frames = [30 + 170 / (1 + np.exp(np.clip(np.hypot(x - 60, y - 30 - 0.3 * k * k) - 9, -50, 50))) for k in range(20)]
+    for k in lost:
+        frames[k] = np.full((160, 120), 30.0)
+    np.save(folder / "rod.npy", np.array(frames).astype(np.uint8))
+
+
+def asked(server: Server, path: str):
+    with urllib.request.urlopen(server.address + path) as reply:
+        return json.loads(reply.read())
+
+
+@pytest.fixture
+def served():
+    """Serves the workbench of a path."""
+    servers = []
+
+    def serve(path: Path) -> Server:
+        servers.append(Server(path, 0))
+        threading.Thread(target=servers[-1].serve_forever, daemon=True).start()
+        return servers[-1]
+
+    yield serve
+    for s in servers:
+        s.shutdown()
+        s.server_close()
+        s.close_benches()
+
+
+class Hand:
+    """A person at the page: clicks are counted, what the console says is kept."""
+
+    def __init__(self, browser, server: Server, width: int = 1280, height: int = 800, scheme: str = "light"):
+        size = {"width": width, "height": height}
+        self.page = browser.new_context(viewport=size, color_scheme=scheme, accept_downloads=True).new_page()
+        self.clicks, self.said = 0, []
+        self.page.on("console", lambda m: self.said.append(m.text))
+        self.page.on("pageerror", lambda e: self.said.append(str(e)))
+        self.page.goto(server.address)
+        self.until("!!window.workbench?.ready")
+
+    def get(self, what: str):
+        return self.page.evaluate(what)
+
+    def until(self, what: str, limit: float = 20.0) -> None:
+        end = time.monotonic() + limit
+        while not self.get(what):
+            assert time.monotonic() < end, f"waited too long for {what}; {self.page.inner_text('#trouble')}"
+            time.sleep(0.02)
+
+    def click(self, where: str) -> None:
+        self.page.locator(where).filter(visible=True).first.click()
+        self.clicks += 1
+
+    def choose(self, where: str, value: str) -> None:
+        self.page.select_option(where, value)
+        self.clicks += 2
+
+    def drag(self, *places: tuple[float, float]) -> None:
+        """From place to place of the film, column and row, by pointer events."""
+        box, seen = self.page.locator("#film").bounding_box(), []
+        for place in places:
+            x, y = self.page.evaluate("([c, r]) => workbench.view.toScreen(c, r)", list(place))
+            seen.append((box["x"] + x, box["y"] + y))
+        self.page.mouse.move(*seen[0])
+        self.page.mouse.down()
+        for at in seen[1:]:
+            self.page.mouse.move(*at, steps=4)
+        self.page.mouse.up()
+        self.clicks += 1
+
+    def press(self, *places: tuple[float, float]) -> None:
+        for c, r in places:
+            x, y = self.page.evaluate("([c, r]) => workbench.view.toScreen(c, r)", [c, r])
+            self.page.locator("#film").click(position={"x": x, "y": y})
+            self.clicks += 1
+
+
+def test_from_two_pictures_to_a_vorticity_map_and_a_profile(tmp_path, browser, served):
+    folder = two_pictures(tmp_path / "pair")
+    began = time.monotonic()
+    h = Hand(browser, served(folder))
+    for word in ("Ball in this frame", "ball [px]", "diameter"):
+        assert not h.page.get_by_text(word).filter(visible=True).count()
+    h.click("#act")  # match the pair
+    h.until("workbench.store.flow")
+    h.choose("#map", "vorticity")
+    h.until("workbench.store.flow?.name === 'vorticity'")
+    h.click("#tab-plot")
+    h.click("#line")
+    h.drag((30, 60), (90, 62), (140, 64))
+    h.until("workbench.store.flow.profile.s")
+    assert h.page.locator("#profile canvas").is_visible() and h.page.locator("#colours").is_visible()
+    took = time.monotonic() - began
+    assert took < 120 and h.clicks <= 8, (took, h.clicks)
+    if place := os.environ.get("JUMPVISION_SCREENSHOTS"):
+        h.page.screenshot(path=f"{place}/flow.png")
+    # what is drawn is the library's, to the last digit
+    lines = h.get("workbench.store.table.params.profiles.lines")
+    assert lines[0] == pytest.approx([30, -60, 140, -64], abs=1.0)
+    b = Benches(folder)
+    piv, *_ = b.bench.flowing._pair(Asked.of(b.bench.composed(draft_of({})), None), 0)
+    table = along_line(as_matched(piv.field).isel(t=0).transpose("y", "x"), lines[0])
+    for column in ("s", "along", "across", "along_sigma", "across_sigma"):
+        same(h.get(f"workbench.store.flow.profile.{column}"), table[column].to_numpy())
+    same(h.get("workbench.store.flow.values"), derivatives(piv, 1).vorticity.isel(t=0).transpose("y", "x").values)
+    b.close()
+    with h.page.expect_download() as saved:
+        h.page.get_by_role("button", name="Save the profile as CSV").click()
+    assert np.array_equal(np.genfromtxt(saved.value.path(), delimiter=",", names=True)["along"], table.along)
+    h.drag((140, 64), (140, 40))  # its end is taken hold of
+    h.until("Math.abs(workbench.store.table.params.profiles.lines[0][3] + 40) < 1")
+    h.page.keyboard.press("Control+z")
+    h.until("Math.abs(workbench.store.table.params.profiles.lines[0][3] + 64) < 1")
+    assert h.said == []
+
+
+def test_what_the_mouse_has_set_is_repeated_by_the_command_line(tmp_path, browser, served):
+    folder = film(tmp_path / "film", 4)
+    h = Hand(browser, served(folder))
+    label = lambda text: h.page.get_by_label(text, exact=True).filter(visible=True)  # noqa: E731
+    label("Frame rate [1/s]").fill("250")
+    h.page.locator("button[data-tool=marks]").filter(visible=True).click()
+    h.drag((10, 100), (110, 100))
+    label("Their distance [mm]").fill("5")
+    h.page.locator("button[data-tool=leave_out]").filter(visible=True).click()
+    h.press((10, 10), (60, 10), (30, 50))
+    h.page.keyboard.press("Enter")
+    h.click("#act")
+    h.until("workbench.store.flow")
+    for text, value in (("Window [px]", "32"), ("Step [px]", "10"), ("Even out in tiles of [px] (0: not)", "40")):
+        label(text).fill(value)
+    label("Taken away").select_option("minimum")
+    label("Show the picture as it is matched").check()
+    h.until("workbench.store.lit")
+    h.until("workbench.store.table.params?.piv?.background === 'minimum'")
+    h.page.keyboard.press("Tab")
+    h.until("Math.round(workbench.store.flow.columns[1] - workbench.store.flow.columns[0]) === 10")
+    h.page.wait_for_timeout(400)
+    seen = h.get("[workbench.store.flow.u, workbench.store.flow.v, workbench.store.flow.speed]")
+    h.click("#tab-run")
+    h.click("#write")
+    h.page.wait_for_selector("text=Written:")
+    text = tomllib.loads((folder / "experiment.toml").read_text())
+    assert text["params"]["piv"] == {"window": 32, "step": 10, "clahe": 40, "background": "minimum"}
+    assert text["grain_video"]["scale"] == pytest.approx(5e-5, rel=0.03) and len(text["grain_video"]["leave_out"]) == 1
+    field = of_file(stage("piv", folder) / "piv.nc", 0)
+    same(seen[0], field.u.values)
+    same(seen[1], field.v.values)
+    assert seen[2] == "m/s" and h.said == []
+
+
+def test_all_pairs_are_matched_with_progress_and_their_mean_is_shown(tmp_path, browser, served):
+    h = Hand(browser, served(film(tmp_path / "film")))
+    h.page.keyboard.press("t")
+    h.until("workbench.store.flow")
+    h.page.get_by_role("button", name="Match all pairs").click()
+    h.until("workbench.store.flow.mean")
+    assert h.page.get_by_text("Mean of 12 fields.").is_visible()
+    h.page.select_option("#map", "tke")
+    h.until("workbench.store.flow.name === 'tke'")
+    assert h.get("workbench.store.flow.unit") == "px^2/s^2" and h.said == []
+
+
+def test_a_report_is_shown_inside_and_a_warning_goes_to_its_frame(tmp_path, browser, served):
+    falling(tmp_path / "drop", lost=(7, 8))
+    toml = 'schema = 1\n[rod_video]\nfile = "rod.npy"\nframe_rate = 100.0\nscale = 1e-3\n'
+    (tmp_path / "drop" / "experiment.toml").write_text(toml)
+    results = tmp_path / "results" / "drop"
+    assert main(["track", str(tmp_path / "drop"), "--no-pictures"]) == 0
+    (results / "report.html").write_text("<p>found</p><script>document.body.append('by a script')</script>")
+    h = Hand(browser, served(tmp_path / "drop"))
+    h.until("workbench.store.track.rows.length === 20")
+    h.click("#tab-run")
+    h.page.get_by_role("button", name="Show the report").click()
+    inside = h.page.frame_locator("#report")
+    inside.get_by_text("by a script").wait_for()
+    h.page.get_by_role("button", name="Frame 7").click()
+    h.until("workbench.store.frame === 7")
+    assert h.page.locator("#film").is_visible() and h.said == []
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize(("width", "height"), [(1280, 800), (820, 1180)])
+def test_no_serious_finding_of_axe_with_a_flow(scheme, width, height, tmp_path, browser, served):
+    module = pytest.importorskip("axe_playwright_python.sync_playwright", reason="pip install axe-playwright-python")
+    h = Hand(browser, served(two_pictures(tmp_path / "pair")), width, height, scheme)
+    h.page.keyboard.press("t")
+    h.until("workbench.store.flow")
+    found = {}
+    for step in "1245":
+        h.page.keyboard.press(step)
+        h.page.wait_for_timeout(60)
+        for v in module.Axe().run(h.page).response["violations"]:
+            if v["impact"] in ("serious", "critical"):
+                found[step, v["id"]] = [n["html"] for n in v["nodes"]]
+        assert h.get("document.documentElement.scrollWidth") <= width  # nothing is cut at the side
+    assert found == {} and h.said == []
