@@ -411,3 +411,69 @@ def test_no_serious_finding_of_axe_with_a_flow(scheme, width, height, tmp_path, 
                 found[step, v["id"]] = [n["html"] for n in v["nodes"]]
         assert h.get("document.documentElement.scrollWidth") <= width  # nothing is cut at the side
     assert found == {} and h.said == []
+
+
+def test_the_bed_s_threshold_is_moved_by_hand_and_written(tmp_path, browser, served):
+    folder = tmp_path / "bed"
+    folder.mkdir()
+    rng, rows = np.random.default_rng(1), np.arange(200)[:, None]
+    surface = 80 + 4 * np.sin(np.arange(240) / 30)
+    light = (
+        40 + 170 / (1 + np.exp((rows - surface) / 6.0)) + rng.normal(0, 1, (200, 240))
+    )  # a soft edge: the level counts
+    cv2.imwrite(str(folder / "bed.png"), np.clip(light, 0, 255).astype(np.uint8))
+    (folder / "experiment.toml").write_text(
+        'schema = 1\n[bed_image]\nfile = "bed.png"\nscale = 1e-3\nfloor_row = 190\n'
+        "[bed]\nsolid_volume = 2e-3\nlength = 0.24\nwidth = 0.15\n"
+    )
+    h = Hand(browser, served(folder))
+    h.page.keyboard.press("t")
+    h.until("workbench.store.bed")
+    assert "phi" in h.page.inner_text("#packing")
+    h.page.get_by_label("Surface by").select_option("threshold")
+    level = h.page.get_by_label("Grains are darker than [grey levels]")
+    level.wait_for()
+    h.until("workbench.store.bed.threshold > 0")
+    before = h.get("workbench.store.bed.row")
+    box = level.bounding_box()
+    h.page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + box["height"] / 2)
+    h.page.mouse.down()
+    h.page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + box["height"] / 2, steps=5)
+    h.page.mouse.up()
+    h.until("workbench.store.table.params?.bed?.threshold === workbench.store.bed.threshold")
+    seen, set_to = h.get("workbench.store.bed.row"), h.get("workbench.store.bed.threshold")
+    assert np.mean(seen) > np.mean(before) + 2  # darker: deeper
+    h.click("#tab-run")
+    h.click("#write")
+    h.page.wait_for_selector("text=Written:")
+    assert tomllib.loads((folder / "experiment.toml").read_text())["params"]["bed"] == {
+        "method": "threshold",
+        "threshold": set_to,
+    }
+    found = json.loads((stage("bed", folder) / "bed.json").read_text())
+    assert np.round(found["profile"]["row_px"], 2).tolist() == seen and h.said == []
+
+
+def test_a_campaign_at_a_glance_marks_what_stands_out_and_opens_it(tmp_path, browser, served):
+    campaign = tmp_path / "drops"
+    campaign.mkdir()
+    for name, lost in (("a", ()), ("b", (7, 8)), ("c", ())):
+        falling(campaign / name, lost)
+        toml = 'schema = 1\n[rod_video]\nfile = "rod.npy"\nframe_rate = 100.0\nscale = 1e-3\n'
+        (campaign / name / "experiment.toml").write_text(toml)
+        results = tmp_path / "results" / "drops" / name
+        results.mkdir(parents=True)
+        told = [{"kind": "frames", "message": "2 frames lost", "recording": "rod_video", "values": {}}] if lost else []
+        numbers = {"jump_height_m": 0.03, "sigma_m": 1e-4, "simulated_height_m": 0.031}
+        text = json.dumps({"experiment": name, "kind": "single", "warnings": told} | numbers)
+        (results / "summary.json").write_text(text)
+    h = Hand(browser, served(campaign))
+    h.click("#glance-open")
+    h.page.wait_for_selector("#glance tbody tr")
+    first = h.page.locator("#glance tbody tr").first
+    assert first.inner_text().split("\t")[2:] == ["b", "single", "30.00 ± 0.10", "+1.00", "1 warning"]
+    h.until("[...document.querySelectorAll('#glance img')].every((i) => i.complete && i.naturalWidth > 0)")
+    assert h.page.locator("#glance tr.odd").count() == 1
+    h.page.get_by_role("button", name="c", exact=True).click()
+    h.until("workbench.store.state.name === 'c'")
+    assert h.said == []

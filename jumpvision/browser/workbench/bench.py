@@ -27,6 +27,7 @@ from jumpvision.experiment.inputs.model import read_toml
 from jumpvision.experiment.inputs.sections import (
     SECTIONS,
     Actuation,
+    Bed,
     BedImage,
     Calibration,
     Robot,
@@ -42,6 +43,8 @@ from .earlier import Before, Earlier, FoundBefore
 from .flowing import Asked, Flowing
 from .flowing import Shown as Flow
 from .following import Following, Row, section_of
+from .glance import Row as Glanced
+from .glance import glance, small
 from .logs import Trace, traces
 from .matching import BedLine, bed_line
 from .plotting import Motion
@@ -284,7 +287,8 @@ class Bench:
         image = made.section(BedImage)
         if image is None:
             raise InputError([f"{self.folder}: no [bed_image] here: no surface to find"])
-        return bed_line(image, made.params(BedParams), self.film("bed_image").grey(frame))
+        sections = made.section(Bed), made.section(Calibration)
+        return bed_line(image, *sections, made.params(BedParams), self.film("bed_image").grey(frame))
 
     def logs(self, draft: Draft) -> Sequence[Trace]:
         """The logs under the film."""
@@ -341,6 +345,16 @@ class Benches:
     def earlier(self) -> Earlier:
         """What the last run left of what lies on the bench."""
         return self.bench.earlier(self.whole).seen()
+
+    def glance(self) -> list[Glanced]:
+        """All experiments in a row each."""
+        return glance(self.folders, self.whole)
+
+    def small(self, name: str) -> bytes:
+        """A small picture of an experiment's film."""
+        if name not in self.folders:
+            raise InputError([f"picture of '{name}': must be one of {', '.join(self.folders)}"])
+        return small(self.folders[name])
 
     def report(self, name: str = "") -> bytes:
         """The page of the last run: of the whole, or of an experiment of it. InputError where there is none."""

@@ -28,6 +28,7 @@ LARGEST = 4_000_000  # bytes of a question
 FRAME = re.compile(r"/api/frame/([a-z_]+)/([0-9]{1,9})/([0-9]{1,5})\.jpg")
 TRACK = re.compile(r"/api/track\?since=([0-9]{1,9})")
 REPORT = re.compile(r"/report/(?:([^/]+)/)?report\.html")
+SMALL = re.compile(r"/small/([^/]+)\.jpg")
 Question = dict[str, object]
 
 
@@ -206,6 +207,10 @@ class Handler(LocalHandler):
             self._json(200, _matched(benches))
         elif path == "/api/earlier":
             self._json(200, benches.earlier())
+        elif path == "/api/glance":
+            self._json(200, benches.glance())
+        elif m := SMALL.fullmatch(path):
+            self.send(200, "image/jpeg", benches.small(unquote(m[1])))
         elif m := REPORT.fullmatch(path):
             self.send(200, "text/html; charset=utf-8", benches.report(unquote(m[1] or "")), ALONE)
         elif path == "/api/run":

@@ -1,5 +1,5 @@
 // Step 2: the tracker as it runs, the flow, the bed's surface.
-import { attempt, changed, emit, get, latest, on, placed, post, store } from "./store.js";
+import { attempt, changed, emit, get, latest, on, placed, post, store, value } from "./store.js";
 import { button, element, row, valueChoice, valueNumber } from "./fields.js";
 import { match, panel } from "./flow.js";
 import { player, seek } from "./player.js";
@@ -18,8 +18,9 @@ const rod = element("div", {}, seen,
   slider("params.track", "search", "Search window [diameters]", { min: 0.6, max: 10, step: 0.1 }, 1.5),
   element("div", { className: "buttons" }, begin, stop), bar, row("The film follows the tracker", follow), said);
 
-const surface = element("p", {});
-const bed = element("div", {}, element("div", { className: "buttons" }, button("Find the surface", () => level(), "main")), surface);
+const surface = element("p", { id: "surface", data: { "aria-live": "polite" } }), packing = element("p", { id: "packing" });
+const level = valueNumber("params.bed", "threshold", "Grains are darker than [grey levels]", { min: 0, max: 255, step: 1, usual: 128 });
+const bed = element("div", {}, valueChoice("params.bed", "method", "Surface by", [["edge", "an edge in each column"], ["threshold", "a threshold"]], "edge"), level.made, element("div", { className: "buttons" }, button("Find the surface", () => find(), "main")), surface, packing);
 const none = element("p", { className: "note", textContent: "Nothing is searched in this picture here; `jumpvision run` does it." });
 const sections = { rod_video: rod, grain_video: panel, bed_image: bed, crater_image: none };
 box.append(element("h2", { textContent: "What is found" }), ...Object.values(sections));
@@ -84,16 +85,22 @@ on("state track", () => {
   said.className = problem ? "bad" : "note";
 });
 
-const level = latest(() => attempt(async () => {
+const find = latest(() => attempt(async () => {
   store.bed = await post("api/bed", { draft: store.draft, frame: store.frame });
   const n = store.bed.row.length;
+  const { levels, threshold, height, phi, lacks } = store.bed, short = ([v, s], k, unit) => `${(k * v).toPrecision(5)} ± ${(k * s).toPrecision(2)}${unit}`;
+  Object.assign(level.input, { min: Math.floor(levels[0]), max: Math.ceil(levels[1]) });
+  if (value("params.bed", "threshold") == null) level.input.dataset.usual = level.input.value = level.made.querySelector("output").textContent = Math.round(threshold);
+  packing.textContent = [height && `Height ${short(height, 1e3, " mm")}.`, phi && `Volume fraction phi = ${short(phi, 1, "")}.`, lacks].filter(Boolean).join(" ");
   surface.textContent = `Surface in ${n - store.bed.lost} of ${n} columns. ${store.bed.why}`;
   emit("bed");
 }));
 on("frame", () => { store.bed = null; });
+on("section preview", () => { level.made.hidden = value("params.bed", "method") !== "threshold"; });
+on("preview", () => { if (store.bed && store.section === "bed_image") find(); }); // drawn anew as the slider moves
 
 export function act() { // the button of this section
-  ({ rod_video: track, grain_video: match, bed_image: level })[store.section]?.();
+  ({ rod_video: track, grain_video: match, bed_image: find })[store.section]?.();
 }
 
 export function problem(direction) { // the next frame that is lost, or corrected

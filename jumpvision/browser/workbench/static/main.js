@@ -8,6 +8,7 @@ import { begin as beginKeeping, kept, pause } from "./keep.js";
 import { play, player, seek, speeds } from "./player.js";
 import "./plot.js";
 import "./flow_plot.js";
+import { onOpen } from "./glance.js";
 import { look as lookBack, onJump } from "./report.js";
 import { look } from "./scale.js";
 import "./timeline.js";
@@ -123,10 +124,12 @@ $("zoom-in").addEventListener("click", () => zoom(1.5));
 $("zoom-out").addEventListener("click", () => zoom(1 / 1.5));
 $("zoom-fit").addEventListener("click", fit);
 $("act").addEventListener("click", () => { step("find"); act(); });
-$("experiment").addEventListener("change", async () => {
-  const state = await attempt(() => post("api/open", { experiment: $("experiment").value }));
+async function open(experiment) {
+  const state = await attempt(() => post("api/open", { experiment }));
   if (state) load(state);
-});
+}
+onOpen(open);
+$("experiment").addEventListener("change", () => open($("experiment").value));
 
 const KEYS = [
   [[" "], "Play and pause", () => play()],
