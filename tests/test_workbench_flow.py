@@ -1,4 +1,4 @@
-"""The workbench with a flow: its vectors, maps and profiles are those of the stages, and a person reaches them by hand."""
+"""The workbench with a flow: vectors, maps and profiles are those of the stages, and a person reaches them by hand."""
 
 from __future__ import annotations
 

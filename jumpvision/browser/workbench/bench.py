@@ -16,7 +16,6 @@ import numpy as np
 from jumpvision.base.record import plain
 from jumpvision.base.schema import InputError
 from jumpvision.base.storage import write_aside
-from jumpvision.experiment.campaign.folder import results_of
 from jumpvision.experiment import files
 from jumpvision.experiment.campaign.folder import results_of
 from jumpvision.experiment.init.recognise import ANY_RATE, FILMS, Recording, ball, recognised, recordings
@@ -38,8 +37,8 @@ from jumpvision.experiment.stages.recordings import SCALE_OF_PIXELS
 from jumpvision.films.parameters import BedParams, TrackParams
 
 from .draft import CORRECTIONS, HEAD, Composed, Draft, composed, placed
-from .films import Shown
 from .earlier import Before, Earlier, FoundBefore
+from .films import Shown
 from .flowing import Asked, Flowing
 from .flowing import Shown as Flow
 from .following import Following, Row, section_of

@@ -21,7 +21,7 @@ from jumpvision.base.record import plain
 from jumpvision.base.schema import InputError
 from jumpvision.experiment.inputs.parameters import FlowParams, ProfilesParams, StatisticsParams
 from jumpvision.experiment.inputs.sections import Calibration, GrainMask, GrainVideo, Robot
-from jumpvision.experiment.results.fields import Flow, Piv, Statistics, unit_of
+from jumpvision.experiment.results.fields import Flow, Piv, unit_of
 from jumpvision.experiment.stages.grains.flow import derivatives
 from jumpvision.experiment.stages.grains.masks import given_mask
 from jumpvision.experiment.stages.grains.piv import Ready, ready, stride_of
@@ -89,9 +89,12 @@ class Place:
 
 @dataclass(frozen=True)
 class Shown:
-    """A field on the page. columns, rows [px]: of its vectors in the film; u, v, values: one a vector, row by row, v up;
-    reason: a key of reasons, "" in it where measured. name, unit: of values; speed: unit of u and v. lines: as in
-    [params.profiles], line: the last one in the film [px]; profile: its columns. counts: edges and counts of u and v."""
+    """A field on the page, one value a vector, row by row, v up.
+
+    columns, rows [px]: of its vectors in the film. reason: a key of reasons, "" in it where measured. names: of the
+    maps that there are; name, unit: of values; speed, length: units of u and of x. line: the last of
+    [params.profiles], in the film [px]; profile: its columns. counts: edges and counts of u and v.
+    """
 
     frame: int
     mean: bool
@@ -139,18 +142,18 @@ class Flowing:
             if mean:
                 field, place, first, fields, notes = self._mean(asked)
             else:
-                piv, place, first, k = self._last("pair", (asked.key, frame), partial(self._pair, asked, frame))
+                piv, place, first = self._last("pair", (asked.key, frame), partial(self._pair, asked, frame))
                 notes, fields = (), 1
                 field = self._last("flow", (asked.key, first, half), partial(with_derivatives, piv, half)).isel(t=0)
         return shown(field, asked, place, first, fields, name, mean, lines, notes)
 
-    def _pair(self, asked: Asked, frame: int) -> tuple[Piv, Place, int, int]:
+    def _pair(self, asked: Asked, frame: int) -> tuple[Piv, Place, int]:
         batch = self.batch
         with quiet(), of(asked) as r:
             k, first = field_with(frame, r)
             done = batch.piv if batch is not None and batch.asked.key == asked.key else None
             piv = Piv(done.field.isel(t=[k]).load()) if done is not None else r.alone(k)
-            return piv, place_of(asked.film, piv), first, k
+            return piv, place_of(asked.film, piv), first
 
     def _mean(self, asked: Asked) -> tuple[xr.Dataset, Place, int, int, tuple[str, ...]]:
         batch = self.batch
@@ -202,7 +205,8 @@ class Batch:
     """All pairs of the film, matched in a thread of their own, and their mean. why: there is none."""
 
     def __init__(self, asked: Asked, flow: FlowParams, p: StatisticsParams):
-        self.asked, self.piv, self.mean, self.why = asked, None, None, ""  # type: Asked, Piv | None, Statistics | None, str
+        self.asked, self.why = asked, ""
+        self.piv, self.mean = None, None  # type: Piv | None, Statistics | None
         self.what, self.done, self.total, self.problem, self.notes = "opening the film", 0, 0, "", tuple[str, ...]()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, args=(flow, p), daemon=True)

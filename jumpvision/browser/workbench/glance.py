@@ -1,4 +1,4 @@
-"""A campaign at a glance: each experiment with a picture, its height, what the model misses, and whether it stands out."""
+"""A campaign at a glance: of each experiment a picture, its height, what the model misses, why it stands out."""
 
 from __future__ import annotations
 

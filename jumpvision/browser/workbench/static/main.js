@@ -160,7 +160,7 @@ $("help-open").addEventListener("click", () => $("help").showModal());
 addEventListener("keydown", (e) => {
   const typed = e.target.matches("input:not([type=range]):not([type=checkbox])");
   if ((e.ctrlKey || e.metaKey) && !e.altKey && e.key.toLowerCase() === "z" && !typed) { e.preventDefault(); if (e.shiftKey) redo(); else undo(); return; }
-  if (e.ctrlKey || e.metaKey || e.altKey || $("help").open) return;
+  if (e.ctrlKey || e.metaKey || e.altKey || document.querySelector("dialog[open]")) return;
   const at = e.target, typing = at.matches("input:not([type=range]):not([type=checkbox]), select, textarea");
   if (e.key === "Escape" && typing) { at.blur(); return; }
   const slides = at.matches("input[type=range]") && /^(Arrow|Home|End)/.test(e.key);

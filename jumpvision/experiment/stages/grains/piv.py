@@ -116,7 +116,8 @@ class Job(NamedTuple):
 @dataclass(frozen=True)
 class Ready:
     """A film that is ready to be matched. film: its section in the pixels of its frames; head: places and times of the
-    field; apart [s]: from frame to frame of each field's pairs; coded: what the codec may add to a displacement [px]."""
+    field; apart [s]: from frame to frame of each field's pairs; coded [px]: what the codec may add to a displacement.
+    """
 
     frames: Film
     film: GrainVideo
