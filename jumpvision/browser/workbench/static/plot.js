@@ -62,13 +62,14 @@ function whole() {
 const ask = latest(async () => {
   if (store.step !== "plot" || store.section !== "rod_video") return;
   try {
+    if (!store.track.rows.length) throw new Refusal([store.track.running ? "The tracker is at its first frames." : "No track yet: there is nothing to plot."]);
     store.columns = await post("api/columns", { draft: store.draft });
     none.hidden = true;
   } catch (e) {
     if (!(e instanceof Refusal)) throw e;
     store.columns = null;
     none.hidden = false;
-    none.firstChild.textContent = store.track.running ? "The tracker is at its first frames." : e.problems.join(" ");
+    none.firstChild.textContent = e.problems.join(" ");
   }
   show();
   emit("columns");
@@ -145,7 +146,7 @@ function draw() {
   const low = off(-1), high = off(1);
   const sizes = stage.clientWidth || 320;
   shown?.destroy();
-  shown = new uPlot({ ...common(sizes, Math.max(200, Math.min(360, Math.round(sizes * 0.55))), label(x), label(y)), series: lines,
+  shown = new uPlot({ ...common(sizes, Math.max(200, Math.min(280, Math.round(sizes * 0.55))), label(x), label(y)), series: lines,
     bands: timed ? [{ series: [2, 1], fill: colour("--band") }] : [] },
     [at, timed ? low : at.map(() => null), timed ? high : at.map(() => null), pick(y.values), f ? pick(f.curve) : at.map(() => null)], stage);
   hands(shown);
@@ -153,7 +154,6 @@ function draw() {
   const [a, b] = store.plot.part ?? whole();
   from.value = Number(a.toPrecision(6));
   to.value = Number(b.toPrecision(6));
-  if (store.plot.part) mark(shown);
   left?.destroy();
   left = null;
   if (!f) return;
@@ -168,7 +168,7 @@ const common = (width, height, x, y) => {
   const axis = (words, size) => ({ label: words, labelSize: 20, size, stroke: colour("--ink"), font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif",
     grid: { stroke: colour("--line"), width: 1 }, ticks: { stroke: colour("--line"), width: 1, size: 4 } });
   return { width, height, legend: { show: false }, cursor: { drag: { x: false, y: false }, points: { show: false }, y: false },
-    scales: { x: { time: false } }, axes: [axis(x, 34), { ...axis(y, 56), values: (_, v) => v.map((a) => (a === null ? "" : String(Number(a.toPrecision(6))))) }], hooks: { draw: [frameMark] } };
+    scales: { x: { time: false } }, axes: [axis(x, 34), { ...axis(y, 56), values: (_, v) => v.map((a) => (a === null ? "" : String(Number(a.toPrecision(6))))) }], hooks: { draw: [frameMark], ready: [(u) => { if (store.plot.part) mark(u); }] } };
 };
 
 function frameMark(u) { // the frame that the film shows
