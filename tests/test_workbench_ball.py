@@ -272,7 +272,10 @@ def test_columns_lie_against_each_other_and_a_bad_part_says_why(opened):
 
 @pytest.mark.parametrize(
     ("width", "height", "scheme"),
-    [(1280, 800, "light"), (1280, 800, "dark"), (820, 1180, "light"), (820, 1180, "dark")],
+    [
+        *((1280, 800, "light"), pytest.param(1280, 800, "dark", marks=pytest.mark.long)),
+        *((820, 1180, "dark"), pytest.param(820, 1180, "light", marks=pytest.mark.long)),
+    ],
 )
 def test_plots_and_table_have_no_serious_finding_of_axe(width, height, scheme, tmp_path, served, browser):  # noqa: F811
     module = pytest.importorskip("axe_playwright_python.sync_playwright", reason="pip install axe-playwright-python")
