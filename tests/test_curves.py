@@ -11,7 +11,13 @@ from scipy.sparse import csr_array, diags_array, hstack
 from jumpvision.estimate.curves import CURVES, Measured, fit_curve, plus_minus, unit_of
 from jumpvision.estimate.height import parabola_noise, parabolas
 
-TRUE = {"line": [0.3, -2.0], "parabola": [0.3, 1.5, -9.81], "sine": [0.02, 7.0, 0.4, 0.1], "decay": [0.05, 0.12, 0.01]}
+TRUE = {
+    "line": [0.3, -2.0],
+    "parabola": [0.3, 1.5, -9.81],
+    "sine": [0.02, 7.0, 0.4, 0.1],
+    "damped": [0.02, 9.0, 0.3, 0.4, 0.1],
+    "decay": [0.05, 0.12, 0.01],
+}
 N, SIGMA = 80, 1e-4
 T = np.linspace(0.1, 0.5, N)
 EXACT = Measured(T, "s", csr_array((N, N)), np.zeros(N))

@@ -1,4 +1,4 @@
-"""A line, parabola, sine or decay through a part of a track, with the standard uncertainty of every parameter."""
+"""A line, parabola, sine, damped sine or decay through a part of a track, with the standard uncertainty of every parameter."""
 
 from __future__ import annotations
 
@@ -46,12 +46,33 @@ def _sine_slopes(x: Array, p: Array) -> Array:
     return np.stack([np.sin(angle), along * TURN * x, along, np.ones_like(x)], axis=1)
 
 
-def _sine_guess(x: Array, y: Array) -> Array:
-    """By the best of the frequencies from a quarter of a period to half the mean rate of the samples."""
+def _damped_slopes(x: Array, p: Array) -> Array:
+    left = np.exp(-x / p[2])
+    whole, along = _sine_slopes(x, p[[0, 1, 3, 4]]).T[:3], p[0] * np.sin(TURN * p[1] * x + p[3])
+    return np.stack(
+        [left * whole[0], left * whole[1], left * along * x / p[2] ** 2, left * whole[2], np.ones_like(x)], 1
+    )
+
+
+def _damped_guess(x: Array, y: Array) -> Array:
+    """By the best decay of a sine's best frequency, found where it has decayed by so much."""
+    found = []
+    for tau in float(x[-1] - x[0]) * np.array([0.1, 0.3, 1.0, 3.0]):
+        a, f, phase, c = _sine_guess(x, y, tau)
+        p = np.array([a, f, tau, phase, c])
+        found.append((float(np.sum((y - CURVES["damped"].model(x, p)) ** 2)), p))
+    return min(found, key=lambda r: r[0])[1]
+
+
+def _sine_guess(x: Array, y: Array, tau: float = math.inf) -> Array:
+    """By the best of the frequencies from a quarter of a period to half the mean rate of the samples; tau: of a decay."""
     thin = slice(None, None, -(-x.size // COARSE))
     t, v, span = x[thin], y[thin], float(x[-1] - x[0])
     tried = np.arange(0.25, max(t.size / 2.0, 1.0), 0.125) / span
-    found = [_linear(np.stack([np.sin(TURN * f * t), np.cos(TURN * f * t), np.ones_like(t)], axis=1), v) for f in tried]
+    left, one = np.exp(-t / tau), np.ones_like(t)
+    found = [
+        _linear(np.stack([left * np.sin(TURN * f * t), left * np.cos(TURN * f * t), one], axis=1), v) for f in tried
+    ]
     best = int(np.argmin([rest for _, rest in found]))
     a, b, c = found[best][0]
     return np.array([math.hypot(a, b), tried[best], math.atan2(b, a), c])
@@ -100,6 +121,14 @@ CURVES = {
         lambda x, p: p[3] + p[0] * np.sin(TURN * p[1] * x + p[2]),
         _sine_slopes,
         _sine_guess,
+    ),
+    "damped": Curve(
+        "c + A exp(-x/τ) sin(2π f x + φ)",
+        ("A", "f", "τ", "φ", "c"),
+        ((1, 0), (0, -1), (0, 1), "rad", (1, 0)),
+        lambda x, p: p[4] + p[0] * np.exp(-x / p[2]) * np.sin(TURN * p[1] * x + p[3]),
+        _damped_slopes,
+        _damped_guess,
     ),
     "decay": Curve(
         "c + A exp(-x/τ)",
@@ -206,13 +235,13 @@ def _along(curve: Curve, t: Array, p: Array) -> Array:
 
 def _normal(kind: str, p: Array) -> Array:
     """A sine with an amplitude above 0 and a phase in (-pi, pi]: each has more than one set of numbers."""
-    if kind != "sine":
+    if kind not in ("sine", "damped"):
         return p
-    a, f, phase, c = p
+    a, f, phase = p[0], p[1], p[-2]
     phase += math.pi if a < 0 else 0.0
     if f < 0:
         f, phase = -f, math.pi - phase
-    return np.array([abs(a), f, math.pi - (math.pi - phase) % TURN, c])
+    return np.array([abs(a), f, *p[2:-2], math.pi - (math.pi - phase) % TURN, p[-1]])
 
 
 def unit_of(y: str, power: int, x: str, other: int) -> str:

@@ -86,5 +86,6 @@ export function place(key, words, numbers, hint, drag = false) {
 
 export function take(tool) {
   store.tool = store.tool && tool && store.tool.key === tool.key ? null : tool;
+  if (store.tool) document.getElementById("screen").scrollIntoView({ block: "nearest" }); // on a tablet it may lie above
   emit("tool");
 }

@@ -20,7 +20,7 @@ const rod = element("div", {}, seen,
 
 const surface = element("p", { id: "surface", data: { "aria-live": "polite" } }), packing = element("p", { id: "packing" });
 const level = valueNumber("params.bed", "threshold", "Grains are darker than [grey levels]", { min: 0, max: 255, step: 1, usual: 128 });
-const bed = element("div", {}, valueChoice("params.bed", "method", "Surface by", [["edge", "an edge in each column"], ["threshold", "a threshold"]], "edge"), level.made, element("div", { className: "buttons" }, button("Find the surface", () => find(), "main")), surface, packing);
+const bed = element("div", {}, valueChoice("params.bed", "method", "Surface by", [["edge", "edges"], ["threshold", "a threshold"]], "edge"), level.made, element("div", { className: "buttons" }, button("Find the surface", () => find(), "main")), surface, packing);
 const none = element("p", { className: "note", textContent: "Nothing is searched in this picture here; `jumpvision run` does it." });
 const sections = { rod_video: rod, grain_video: panel, bed_image: bed, crater_image: none };
 box.append(element("h2", { textContent: "What is found" }), ...Object.values(sections));
@@ -88,7 +88,7 @@ on("state track", () => {
 const find = latest(() => attempt(async () => {
   store.bed = await post("api/bed", { draft: store.draft, frame: store.frame });
   const n = store.bed.row.length;
-  const { levels, threshold, height, phi, lacks } = store.bed, short = ([v, s], k, unit) => `${(k * v).toPrecision(5)} ± ${(k * s).toPrecision(2)}${unit}`;
+  const { levels, threshold, height, phi, lacks } = store.bed, short = ([v, s], k, unit) => { const digits = s > 0 ? Math.max(0, 1 - Math.floor(Math.log10(k * s))) : 3; return `${(k * v).toFixed(digits)} ± ${(k * s).toFixed(digits)}${unit}`; };
   Object.assign(level.input, { min: Math.floor(levels[0]), max: Math.ceil(levels[1]) });
   if (value("params.bed", "threshold") == null) level.input.dataset.usual = level.input.value = level.made.querySelector("output").textContent = Math.round(threshold);
   packing.textContent = [height && `Height ${short(height, 1e3, " mm")}.`, phi && `Volume fraction phi = ${short(phi, 1, "")}.`, lacks].filter(Boolean).join(" ");

@@ -4,13 +4,16 @@ import { changed, emit, picks, placed, setValue, store, value } from "./store.js
 
 const ARM = 60; // px on the screen from the origin to the end of an arm of the cross
 
+// The angle of the rail's upward direction from the picture's up, counter-clockwise.
+const side = () => ({ "-y": 0, "-x": Math.PI / 2, "+y": Math.PI, "+x": -Math.PI / 2 })[value("rod_video", "up") ?? "-y"];
+export const upward = () => side() + (value("calibration", "tilt") ?? 0);
+
 // The origin and the axes of the ball: column, row, and the angle of y from the picture's up, counter-clockwise.
 export function axes() {
   if (store.section !== "rod_video") return null;
   const o = store.draft.values.rod_video?.origin ?? value("rod_video", "origin");
   if (o?.length !== 2) return null;
-  const up = { "-y": 0, "-x": Math.PI / 2, "+y": Math.PI, "+x": -Math.PI / 2 }[value("rod_video", "up") ?? "-y"];
-  return { o, up, angle: up + (value("calibration", "tilt") ?? 0) };
+  return { o, up: side(), angle: upward() };
 }
 export const arm = (angle, [x, y], length = ARM) => [x - Math.sin(angle) * length, y - Math.cos(angle) * length]; // end of y on the screen
 

@@ -20,7 +20,12 @@ export function kept() {
   const there = store.state.kept;
   return (there?.at ?? 0) > (here?.at ?? 0) ? there : here;
 }
-export const begin = () => { ready = true; };
+export const begin = () => { ready = true; keep(); };
 export const pause = () => { ready = false; };
 
+addEventListener("pagehide", () => {
+  if (!ready) return;
+  const body = JSON.stringify({ page: page() });
+  fetch("api/keep", { method: "POST", headers: { "Content-Type": "application/json" }, body, keepalive: body.length < 60_000 }).catch(() => {});
+});
 on("changed section frame step plot", keep);

@@ -9,7 +9,7 @@ import uPlot from "./vendor/uplot/uPlot.esm.js";
 
 const box = document.getElementById("step-plot"), CLICK = 4; // px that a pointer may move and still click
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-const CURVES = [["line", "Line"], ["parabola", "Parabola"], ["sine", "Sine"], ["decay", "Decay"]];
+const CURVES = [["line", "Line"], ["parabola", "Parabola"], ["sine", "Sine"], ["damped", "Damped sine"], ["decay", "Decay"]];
 
 const ys = element("select", {}), xs = element("select", {});
 const from = element("input", { type: "text", inputMode: "decimal", autocomplete: "off" }), to = from.cloneNode();
@@ -62,13 +62,14 @@ function whole() {
 const ask = latest(async () => {
   if (store.step !== "plot" || store.section !== "rod_video") return;
   try {
+    if (!store.track.rows.length) throw new Refusal([store.track.running ? "The tracker is at its first frames." : "No track yet: there is nothing to plot."]);
     store.columns = await post("api/columns", { draft: store.draft });
     none.hidden = true;
   } catch (e) {
     if (!(e instanceof Refusal)) throw e;
     store.columns = null;
     none.hidden = false;
-    none.firstChild.textContent = store.track.running ? "The tracker is at its first frames." : e.problems.join(" ");
+    none.firstChild.textContent = e.problems.join(" ");
   }
   show();
   emit("columns");
@@ -97,7 +98,9 @@ const fit = latest(async () => {
     try {
       store.fit = await post("api/fit", { draft: store.draft, x, y, low, high, curve });
       note.className = "note";
-      note.textContent = store.fit.excess > 1.5 ? `The points scatter ${Math.sqrt(store.fit.excess).toFixed(1)} times as far as their own sigma says, or the curve is another one; every ± is larger by that.` : "";
+      const shared = store.fit.parameters.at(store.fit.said ? -1 : 0);
+      note.textContent = store.fit.excess > 1.5 ? `The points scatter ${Math.sqrt(store.fit.excess).toFixed(1)} times as far as their own sigma says, or the curve is another one; every ± is larger by that.`
+        : shared.sigma_common > 0.7 * shared.sigma ? "Most of the ± is that of the scale: a longer ruler makes it smaller." : "";
     } catch (e) {
       store.fit = null;
       note.className = "bad";
@@ -145,7 +148,7 @@ function draw() {
   const low = off(-1), high = off(1);
   const sizes = stage.clientWidth || 320;
   shown?.destroy();
-  shown = new uPlot({ ...common(sizes, Math.max(200, Math.min(360, Math.round(sizes * 0.55))), label(x), label(y)), series: lines,
+  shown = new uPlot({ ...common(sizes, Math.max(200, Math.min(280, Math.round(sizes * 0.55))), label(x), label(y)), series: lines,
     bands: timed ? [{ series: [2, 1], fill: colour("--band") }] : [] },
     [at, timed ? low : at.map(() => null), timed ? high : at.map(() => null), pick(y.values), f ? pick(f.curve) : at.map(() => null)], stage);
   hands(shown);
@@ -153,12 +156,12 @@ function draw() {
   const [a, b] = store.plot.part ?? whole();
   from.value = Number(a.toPrecision(6));
   to.value = Number(b.toPrecision(6));
-  if (store.plot.part) mark(shown);
   left?.destroy();
   left = null;
   if (!f) return;
-  left = new uPlot({ ...common(sizes, 130, label(x), `residual [${y.unit}]`),
-    scales: { x: { time: false, range: [shown.scales.x.min, shown.scales.x.max] } },
+  const across = whole(); // as above
+  left = new uPlot({ ...common(sizes, 160, label(x), `residual [${y.unit}]`),
+    scales: { x: { time: false, range: () => across } },
     series: [{}, { stroke: colour("--soft"), width: 1, paths: () => null, points: { show: true, size: 4, fill: colour("--trace"), stroke: colour("--trace") } }] },
     [at, pick(f.residual)], rest);
   hands(left, false);
@@ -168,7 +171,7 @@ const common = (width, height, x, y) => {
   const axis = (words, size) => ({ label: words, labelSize: 20, size, stroke: colour("--ink"), font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif",
     grid: { stroke: colour("--line"), width: 1 }, ticks: { stroke: colour("--line"), width: 1, size: 4 } });
   return { width, height, legend: { show: false }, cursor: { drag: { x: false, y: false }, points: { show: false }, y: false },
-    scales: { x: { time: false } }, axes: [axis(x, 34), { ...axis(y, 56), values: (_, v) => v.map((a) => (a === null ? "" : String(Number(a.toPrecision(6))))) }], hooks: { draw: [frameMark] } };
+    scales: { x: { time: false, range: () => whole() } }, axes: [axis(x, 34), { ...axis(y, 56), values: (_, v) => v.map((a) => (a === null ? "" : String(Number(a.toPrecision(6))))) }], hooks: { draw: [frameMark], ready: [(u) => { if (store.plot.part) mark(u); }] } };
 };
 
 function frameMark(u) { // the frame that the film shows
