@@ -1,4 +1,4 @@
-"""A line, parabola, sine, damped sine or decay through a part of a track, with the standard uncertainty of every parameter."""
+"""A line, parabola, sine or decay through a part of a track, with the standard uncertainty of every parameter."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from scipy.sparse import csr_array, diags_array
 from jumpvision.base.arrays import Array
 
 from .estimate import Estimate, least_squares_fit, scatter_factor
+from .mean import noise_at
 
 TURN = 2.0 * math.pi
 COARSE = 400  # samples that first guesses are made from
@@ -65,16 +66,16 @@ def _damped_guess(x: Array, y: Array) -> Array:
 
 
 def _sine_guess(x: Array, y: Array, tau: float = math.inf) -> Array:
-    """By the best of the frequencies from a quarter of a period to half the mean rate of the samples; tau: of a decay."""
+    """By the best of the frequencies from a quarter of a period to half the mean rate of samples; tau: of a decay."""
     thin = slice(None, None, -(-x.size // COARSE))
     t, v, span = x[thin], y[thin], float(x[-1] - x[0])
     tried = np.arange(0.25, max(t.size / 2.0, 1.0), 0.125) / span
-    left, one = np.exp(-t / tau), np.ones_like(t)
-    found = [
-        _linear(np.stack([left * np.sin(TURN * f * t), left * np.cos(TURN * f * t), one], axis=1), v) for f in tried
-    ]
-    best = int(np.argmin([rest for _, rest in found]))
-    a, b, c = found[best][0]
+    left, angle = np.exp(-t / tau), TURN * tried[:, None] * t
+    design = np.stack([left * np.sin(angle), left * np.cos(angle), np.ones_like(angle)], axis=2)
+    turned = np.swapaxes(design, 1, 2)
+    p = (np.linalg.pinv(turned @ design) @ (turned @ v)[:, :, None])[:, :, 0]
+    best = int(np.argmin(np.sum((v - (design @ p[:, :, None])[:, :, 0]) ** 2, axis=1)))
+    a, b, c = p[best]
     return np.array([math.hypot(a, b), tried[best], math.atan2(b, a), c])
 
 
@@ -181,8 +182,8 @@ class CurveFit:
 def fit_curve(kind: str, x: Measured, y: Measured) -> CurveFit:
     """The curve of this kind (CURVES) of y against x by least squares, weighted by the errors of both.
 
-    Each sigma holds what neighbours share, the scatter factor, and sigma_common, the scale's. ValueError where there
-    are too few values or nothing is determined.
+    Each sigma holds what neighbours share (of independent errors: as the residuals show it), the scatter factor, and
+    sigma_common, the scale's. ValueError where there are too few values or nothing is determined.
     """
     curve = CURVES[kind]
     good = np.isfinite(x.values) & np.isfinite(y.values) & np.isfinite(y.sigma) & (y.sigma > 0.0)
@@ -215,6 +216,9 @@ def fit_curve(kind: str, x: Measured, y: Measured) -> CurveFit:
     expected = n - float(np.trace(covariance @ (shared @ shared.T)))
     excess = chi2 / expected if expected > 0.0 else 1.0
     own = np.sqrt(np.diag(spread @ spread.T)) * scatter_factor(excess, 1)
+    if noise.nnz == n:  # no two values share an error by what is stated: what the residuals show of it counts
+        left = ((y.values - curve.model(t, p)) / sigma)[order]
+        own = own * math.sqrt(max(1.0, noise_at(left, len(curve.names) / (2.0 * n))))
     along = _along(curve, t, p)
     common = np.abs(gain @ (y.common - along * x.common))
     p = _normal(kind, p)
