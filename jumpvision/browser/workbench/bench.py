@@ -112,7 +112,8 @@ class Bench:
         }
         self.films = {s: Shown(folder / self.recordings[s].file) for s in PICKED if s in self.recordings}
         self.following: Following | None = None
-        self.flowing, self.before = Flowing(), None  # type: Flowing, FoundBefore | None
+        self.flowing = Flowing()
+        self.before: FoundBefore | None = None
         self._motion: tuple[object, Motion] | None = None
         self._kept: object = None
         self._lock = threading.Lock()

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import cv2
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.progress import HOOK
@@ -21,7 +22,7 @@ from jumpvision.base.record import plain
 from jumpvision.base.schema import InputError
 from jumpvision.experiment.inputs.parameters import FlowParams, ProfilesParams, StatisticsParams
 from jumpvision.experiment.inputs.sections import Calibration, GrainMask, GrainVideo, Robot
-from jumpvision.experiment.results.fields import Flow, Piv, unit_of
+from jumpvision.experiment.results.fields import Flow, Piv, Statistics, unit_of
 from jumpvision.experiment.stages.grains.flow import derivatives
 from jumpvision.experiment.stages.grains.masks import given_mask
 from jumpvision.experiment.stages.grains.piv import Ready, ready, stride_of
@@ -64,8 +65,8 @@ class Asked:
             raise InputError([f"{made.folder}: no [grain_video] here: nothing to match"])
         rated = bool(film.frame_rate or rate)
         film = replace(film, frame_rate=film.frame_rate or rate or 1.0)
-        others = (made.section(cls) for cls in (Robot, Calibration, GrainMask))
-        return cls(film, *others, made.params(PivParams), rated)
+        robot, calibration, mask = made.section(Robot), made.section(Calibration), made.section(GrainMask)
+        return cls(film, robot, calibration, mask, made.params(PivParams), rated)
 
     @property
     def key(self) -> Hashable:
@@ -189,7 +190,7 @@ class Flowing:
         return {"image": picture(image, left_out, width), "box": [*corner(asked.film), *image.shape[::-1]]}
 
 
-def picture(image: Array, left_out: Array | None, width: int) -> str:
+def picture(image: NDArray[np.float32], left_out: NDArray[np.bool_] | None, width: int) -> str:
     """An image (H, W) as an address with its content, from its darkest to its brightest 0.5 %."""
     low, high = np.nanpercentile(image, (0.5, 99.5))
     grey = np.clip((np.nan_to_num(image) - low) * (255.0 / max(high - low, 1e-6)), 0, 255)
@@ -206,7 +207,8 @@ class Batch:
 
     def __init__(self, asked: Asked, flow: FlowParams, p: StatisticsParams):
         self.asked, self.why = asked, ""
-        self.piv, self.mean = None, None  # type: Piv | None, Statistics | None
+        self.piv: Piv | None = None
+        self.mean: Statistics | None = None
         self.what, self.done, self.total, self.problem, self.notes = "opening the film", 0, 0, "", tuple[str, ...]()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, args=(flow, p), daemon=True)

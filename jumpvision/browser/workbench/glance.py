@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import TypeVar
 
 import cv2
 import numpy as np
 
-from jumpvision.base.record import RecordError, plain
+from jumpvision.base.record import Record, RecordError
 from jumpvision.base.schema import InputError
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.experiment.campaign.folder import results_of
@@ -24,6 +25,7 @@ from jumpvision.films.frames import FrameError
 
 from .logs import thinned
 
+R = TypeVar("R", bound=Record)
 WIDE = 200  # px of a small picture
 POINTS = 160  # of a small line
 
@@ -49,8 +51,8 @@ def glance(folders: dict[str, Path], whole: Path) -> list[Row]:
     base = results_of(whole)
     diagnosis = loaded(Diagnosis, base)
     apart = dict[str, list[str]]()
-    for name, why in by_model(diagnosis) if diagnosis else ():
-        apart.setdefault(name, []).append(why)
+    for name, text in by_model(diagnosis) if diagnosis else ():
+        apart.setdefault(name, []).append(text)
     extended = {h.experiment: h.extended_m - h.measured_m for h in diagnosis.heights} if diagnosis else {}
     summaries = {n: loaded(Summary, base / n) or UNKNOWN for n in folders}
     measured = any(s.jump_height.value is not None for s in summaries.values())
@@ -71,10 +73,10 @@ def glance(folders: dict[str, Path], whole: Path) -> list[Row]:
     return sorted(rows, key=lambda r: not r.odd)
 
 
-def loaded(kind: type, folder: Path) -> object:
+def loaded(kind: type[R], folder: Path) -> R | None:
     """The record in a folder, None where it is not there or cannot be read."""
     try:
-        return kind.load(folder)  # type: ignore[attr-defined]
+        return kind.load(folder)
     except (OSError, RecordError, ValueError, KeyError, TypeError):
         return None
 
@@ -84,9 +86,10 @@ def trace(results: Path) -> tuple[list[float], list[float]]:
     motion = loaded(RodMotion, results)
     if motion is None:
         return [], []
-    t, y = (motion.table[c].to_numpy(float) for c in ("time_s", "height_m"))  # type: ignore[attr-defined]
+    t, y = (motion.table[c].to_numpy(float) for c in ("time_s", "height_m"))
     good = np.isfinite(t) & np.isfinite(y)
-    return tuple(plain(a) for a in thinned(t[good], y[good], POINTS))  # type: ignore[return-value]
+    t, y = thinned(t[good], y[good], POINTS)
+    return t.tolist(), y.tolist()
 
 
 def film_of(folder: Path) -> Path | None:
