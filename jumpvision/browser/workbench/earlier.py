@@ -19,7 +19,7 @@ from jumpvision.experiment.workflow.provenance import read_provenance
 from jumpvision.experiment.workflow.stage import STAGES, import_all
 from jumpvision.experiment.workflow.workspace import Workspace
 
-from .flowing import Asked
+from .flowing import Asked, MatchedBefore
 from .following import Row
 
 R = TypeVar("R", bound=Record)
@@ -52,25 +52,6 @@ class FoundBefore:
     def rows(self, since: int) -> list[Row]:
         """Frames from `since` on."""
         return self.final[since:]
-
-
-@dataclass(frozen=True)
-class MatchedBefore:
-    """Fields of an earlier run, as `Batch` gives them."""
-
-    asked: Asked
-    piv: Piv
-    mean: Statistics | None
-    notes: tuple[str, ...]
-    why: str = "the run made none"
-    running: bool = False
-    problem: str = ""
-    what: str = ""
-    done: int = 0
-    total: int = 0
-
-    def stop(self) -> None:
-        """There is nothing to stop."""
 
 
 def places_of(folder: Path, whole: Path) -> tuple[Path, Path]:

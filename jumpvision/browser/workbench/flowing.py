@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -35,9 +35,6 @@ from jumpvision.films.vision.piv.light import light_of
 from jumpvision.films.vision.piv.pair import MEASURED, REASONS
 
 from .draft import Composed
-
-if TYPE_CHECKING:
-    from .earlier import MatchedBefore
 
 Kept = TypeVar("Kept")
 OF_ONE = ("speed", "u", "v", "vorticity", "divergence", "shear_rate", "swirl")
@@ -247,6 +244,25 @@ class Batch:
         except Exception as e:
             traceback.print_exc()
             self.problem = f"the matching failed: {type(e).__name__}: {e}"
+
+
+@dataclass(frozen=True)
+class MatchedBefore:
+    """Fields of an earlier run, as `Batch` gives them."""
+
+    asked: Asked
+    piv: Piv
+    mean: Statistics | None
+    notes: tuple[str, ...]
+    why: str = "the run made none"
+    running: bool = False
+    problem: str = ""
+    what: str = ""
+    done: int = 0
+    total: int = 0
+
+    def stop(self) -> None:
+        """There is nothing to stop."""
 
 
 class Stopped(Exception):
