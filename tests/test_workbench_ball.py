@@ -360,7 +360,7 @@ def test_what_cannot_be_plotted_or_fitted_says_why(tmp_path, served):  # noqa: F
         ({"y": "z"}, "y = 'z': must be one of"),
         ({"x": "y"}, "another column than x"),
         ({"curve": "spiral"}, "curve = 'spiral'"),
-        ({"low": None}, "must be numbers"),
+        ({"low": None}, "low = None: must be a number"),
         ({"high": 0.001}, "it needs 3 or more"),
     ):
         status, said = asked(s, "/api/fit", whole | change)

@@ -43,6 +43,13 @@ def _text(q: Question, key: str) -> str:
     return value
 
 
+def _number(q: Question, key: str) -> float:
+    value = q.get(key)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise InputError([f"{key} = {value!r}: must be a number"])
+    return float(value)
+
+
 def _find(b: Benches, q: Question) -> object:
     seed = q.get("seed")
     if seed is None:
@@ -95,10 +102,7 @@ def _halt(b: Benches, _: Question) -> object:
 
 
 def _fit(b: Benches, q: Question) -> object:
-    low, high = (q.get(k) for k in ("low", "high"))
-    if not all(isinstance(v, int | float) and math.isfinite(v) for v in (low, high)):
-        raise InputError([f"low, high = {low!r}, {high!r}: must be numbers, the ends of the part"])
-    part = Part(_text(q, "x"), _text(q, "y"), float(low), float(high), _text(q, "curve"))
+    part = Part(_text(q, "x"), _text(q, "y"), _number(q, "low"), _number(q, "high"), _text(q, "curve"))
     return b.bench.motion(draft_of(q.get("draft"))).fit(part)
 
 
