@@ -21,7 +21,7 @@ from jumpvision.films.frames import FrameError
 
 from .bench import Benches
 from .draft import draft_of
-from .plotting import Part
+from .plotting import Motion, Part
 
 LARGEST = 4_000_000  # bytes of a question
 FRAME = re.compile(r"/api/frame/([a-z_]+)/([0-9]{1,9})/([0-9]{1,5})\.jpg")
@@ -101,9 +101,13 @@ def _halt(b: Benches, _: Question) -> object:
     return {}
 
 
+def _motion(b: Benches, q: Question) -> Motion:
+    return b.bench.motion(draft_of(q.get("draft")), _whole(q, "body") if "body" in q else 1)
+
+
 def _fit(b: Benches, q: Question) -> object:
     part = Part(_text(q, "x"), _text(q, "y"), _number(q, "low"), _number(q, "high"), _text(q, "curve"))
-    return b.bench.motion(draft_of(q.get("draft"))).fit(part)
+    return _motion(b, q).fit(part)
 
 
 def _keep(b: Benches, q: Question) -> object:
@@ -136,7 +140,7 @@ QUESTIONS: dict[str, Callable[[Benches, Question], object]] = {
     "/api/track/stop": _stop,
     "/api/pair": lambda b, q: b.bench.pair(draft_of(q.get("draft")), _whole(q, "frame")),
     "/api/bed": lambda b, q: b.bench.bed(draft_of(q.get("draft")), _whole(q, "frame")),
-    "/api/columns": lambda b, q: b.bench.motion(draft_of(q.get("draft"))).columns(),
+    "/api/columns": lambda b, q: _motion(b, q).columns(),
     "/api/fit": _fit,
     "/api/keep": _keep,
     "/api/logs": lambda b, q: b.bench.logs(draft_of(q.get("draft"))),
