@@ -270,6 +270,29 @@ def test_columns_lie_against_each_other_and_a_bad_part_says_why(opened):
     assert rate["unit"] == "m²/s³" and abs(rate["value"]) < 4 * rate["sigma"]
 
 
+def test_a_second_ball_is_followed_and_plotted(tmp_path, served, browser):  # noqa: F811
+    truth = drop(tmp_path)
+    film = np.load(tmp_path / "drop.npy")
+    y, x = np.mgrid[: film.shape[1], : film.shape[2]]
+    rise = np.column_stack([160 - 0.3 * np.arange(len(film)), 200 - 2.0 * np.arange(len(film))])  # 0.5 m/s up
+    for image, (c, r) in zip(film, rise):
+        image[np.hypot(x - c, y - r) < 8] = 200
+    np.save(tmp_path / "drop.npy", film)
+    p = Hand(browser, served(tmp_path / "drop.npy"))
+    p.click_film(*truth[0])
+    p.click("button[data-tool=markers]:visible")
+    p.click_film(*rise[0])
+    p.measure()
+    p.click("#tab-plot")
+    p.choose("Body", "2")
+    p.choose("Plot", "vy")
+    p.click("button[data-curve=line]")
+    p.until("workbench.store.fit?.parameters.length === 2")
+    speed = p.get("workbench.store.fit.parameters[0]")
+    assert speed["value"] == pytest.approx(0.5, rel=0.02) and p.said == []
+    p.page.context.close()
+
+
 @pytest.mark.parametrize(
     ("width", "height", "scheme"),
     [
@@ -360,7 +383,7 @@ def test_what_cannot_be_plotted_or_fitted_says_why(tmp_path, served):  # noqa: F
         ({"y": "z"}, "y = 'z': must be one of"),
         ({"x": "y"}, "another column than x"),
         ({"curve": "spiral"}, "curve = 'spiral'"),
-        ({"low": None}, "must be numbers"),
+        ({"low": None}, "low = None: must be a number"),
         ({"high": 0.001}, "it needs 3 or more"),
     ):
         status, said = asked(s, "/api/fit", whole | change)

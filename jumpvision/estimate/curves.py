@@ -94,7 +94,7 @@ def _decay_guess(x: Array, y: Array) -> Array:
 
 
 def _linear(design: Array, y: Array) -> tuple[Array, float]:
-    p = np.linalg.lstsq(design, y, rcond=None)[0]
+    p = np.asarray(np.linalg.lstsq(design, y, rcond=None)[0], float)
     return p, float(np.sum((y - design @ p) ** 2))
 
 
@@ -199,12 +199,7 @@ def fit_curve(kind: str, x: Measured, y: Measured) -> CurveFit:
     for _ in range(NEAR if x.noise.nnz else 1):
         noise = y.noise - diags_array(_along(curve, t, p)) @ x.noise if x.noise.nnz else y.noise
         sigma = Measured(y.values, y.unit, csr_array(noise), y.common).sigma
-        found = least_squares_fit(
-            lambda q, s=sigma: (curve.model(t, q) - y.values) / s,
-            p,
-            scale=np.maximum(np.abs(p), 1e-9 * np.abs(p).max() + 1e-300),
-            jacobian=lambda q, s=sigma: curve.slopes(t, q) / s[:, None],
-        )
+        found = _solved(curve, t, y.values, sigma, p)
         if found is None:
             raise ValueError(f"{kind}: these values do not determine it: take a longer part, or another curve")
         p, covariance, chi2 = found
@@ -229,6 +224,17 @@ def fit_curve(kind: str, x: Measured, y: Measured) -> CurveFit:
     }
     rms = float(np.sqrt(np.mean((y.values - curve.model(t, p)) ** 2)))
     return CurveFit(curve, made, p, begin, rms, excess)
+
+
+def _solved(curve: Curve, t: Array, y: Array, sigma: Array, p: Array) -> tuple[Array, Array, float] | None:
+    """(parameters, their covariance, chi2) from the first guess p; None where they are not determined."""
+    size = np.abs(p)
+    return least_squares_fit(
+        lambda q: (curve.model(t, q) - y) / sigma,
+        p,
+        scale=np.maximum(size, 1e-9 * size.max() + 1e-300),
+        jacobian=lambda q: curve.slopes(t, q) / sigma[:, None],
+    )
 
 
 def _along(curve: Curve, t: Array, p: Array) -> Array:

@@ -237,14 +237,20 @@ class Bench:
         run = self.following or self.before
         return (run.rows(since), run) if run else ([], None)
 
-    def motion(self, draft: Draft) -> Motion:
-        """What was followed, measured with the values of the draft."""
+    def motion(self, draft: Draft, body: int = 1) -> Motion:
+        """A body that was followed, measured with the values of the draft."""
         made, run = self.composed(draft), self.following
         film = made.section(RodVideo)
         if film is None or run is None:
             raise InputError(["track: none yet; track the film first"])
         calibration, p, rate = made.section(Calibration), made.params(TrackParams), self._rate("rod_video")
-        key = (json.dumps(plain(made.table), sort_keys=True, default=str), made.corrections, id(run), len(run.rows(0)))
+        key = (
+            json.dumps(plain(made.table), sort_keys=True, default=str),
+            made.corrections,
+            id(run),
+            len(run.rows(0)),
+            body,
+        )
         if self._motion is None or self._motion[0] != key:
             found = run.found(film, calibration, p, rate)
             read = section_of(film, calibration, rate)
@@ -253,7 +259,7 @@ class Bench:
             by_hand = {i: c for i, c in draft.corrections.items() if i < len(found.time)}
             given = placed(by_hand) if RodCorrections.name in made.table else None
             robot, actuation = made.section(Robot), made.section(Actuation)
-            self._motion = key, Motion(found, read, calibration, actuation, given, robot, p)
+            self._motion = key, Motion(found, read, calibration, actuation, given, robot, p, body)
         return self._motion[1]
 
     def flow(self, draft: Draft, frame: int, name: str, mean: bool) -> Flow:

@@ -41,11 +41,12 @@ class Plotted:
 @dataclass(frozen=True)
 class Columns:
     """plotted: what can be laid against each other; table: every column by name, those of the track's file first.
-    gravity [m/s^2]: of the potential energy."""
+    gravity [m/s^2]: of the potential energy. bodies: how many were followed."""
 
     plotted: list[Plotted]
     table: dict[str, list[object]]
     gravity: float
+    bodies: int
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,8 @@ class Fitted:
 
 
 class Motion:
-    """A followed ball in metres (in px without a scale). film, p: as `readable` gives them; given: by hand."""
+    """A followed ball in metres (in px without a scale). film, p: as `readable` gives them; given: by hand;
+    body: from 1."""
 
     def __init__(
         self,
@@ -102,13 +104,18 @@ class Motion:
         given: pd.DataFrame | None,
         robot: Robot | None,
         p: TrackParams,
+        body: int = 1,
     ):
         with warnings.catch_warnings():  # the tracker's own are shown where it ran
             warnings.simplefilter("ignore")
-            self.result = as_result(found, film, calibration, actuation, given, p).table
+            whole = as_result(found, film, calibration, actuation, given, p)
             axes = replace(film, origin=film.origin or CORNER)
             motions, share = motions_of(found, axes, calibration, p, given)
-        at, self.view = motions[0], view_of(calibration, film, found.shape)
+        self.bodies = len(motions)
+        if not 1 <= body <= self.bodies:
+            raise InputError([f"body = {body}: must be in [1, {self.bodies}]"])
+        self.result = (whole.table, *whole.others)[body - 1]
+        at, self.view = motions[body - 1], view_of(calibration, film, found.shape)
         self.seen = at[["x_px", "y_px"]].to_numpy(float).T
         self.unit = "px" if film.scale == SCALE_OF_PIXELS else "m"
         self.gravity = (robot or Robot()).gravity
@@ -158,7 +165,7 @@ class Motion:
         for k in "va":
             m = self.measured[k + "x"]
             table[f"{k}_sigma_{m.unit.replace('/', '_').replace('²', '2')}"] = m.sigma.tolist()
-        return Columns(plotted, table | {"flag": [str(f) for f in self.result.flag]}, self.gravity)
+        return Columns(plotted, table | {"flag": [str(f) for f in self.result.flag]}, self.gravity, self.bodies)
 
     def fit(self, part: Part) -> Fitted:
         """A curve through a part. InputError for what is no column or curve, ValueError where nothing is determined."""

@@ -22,7 +22,7 @@ from jumpvision.films.frames import FrameError
 
 from .bench import Benches
 from .draft import draft_of
-from .plotting import Part
+from .plotting import Motion, Part
 
 LARGEST = 4_000_000  # bytes of a question
 FRAME = re.compile(r"/api/frame/([a-z_]+)/([0-9]{1,9})/([0-9]{1,5})\.jpg")
@@ -44,6 +44,13 @@ def _text(q: Question, key: str) -> str:
     if not isinstance(value, str):
         raise InputError([f"{key} = {value!r}: must be text"])
     return value
+
+
+def _number(q: Question, key: str) -> float:
+    value = q.get(key)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise InputError([f"{key} = {value!r}: must be a number"])
+    return float(value)
 
 
 def _find(b: Benches, q: Question) -> object:
@@ -120,12 +127,13 @@ def _halt(b: Benches, _: Question) -> object:
     return {}
 
 
+def _motion(b: Benches, q: Question) -> Motion:
+    return b.bench.motion(draft_of(q.get("draft")), _whole(q, "body") if "body" in q else 1)
+
+
 def _fit(b: Benches, q: Question) -> object:
-    low, high = (q.get(k) for k in ("low", "high"))
-    if not all(isinstance(v, int | float) and math.isfinite(v) for v in (low, high)):
-        raise InputError([f"low, high = {low!r}, {high!r}: must be numbers, the ends of the part"])
-    part = Part(_text(q, "x"), _text(q, "y"), float(low), float(high), _text(q, "curve"))
-    return b.bench.motion(draft_of(q.get("draft"))).fit(part)
+    part = Part(_text(q, "x"), _text(q, "y"), _number(q, "low"), _number(q, "high"), _text(q, "curve"))
+    return _motion(b, q).fit(part)
 
 
 def _keep(b: Benches, q: Question) -> object:
@@ -161,7 +169,7 @@ QUESTIONS: dict[str, Callable[[Benches, Question], object]] = {
     "/api/flow/stop": _stop_pairs,
     "/api/flow/light": lambda b, q: b.bench.lit(draft_of(q.get("draft")), _whole(q, "frame"), _whole(q, "width")),
     "/api/bed": lambda b, q: b.bench.bed(draft_of(q.get("draft")), _whole(q, "frame")),
-    "/api/columns": lambda b, q: b.bench.motion(draft_of(q.get("draft"))).columns(),
+    "/api/columns": lambda b, q: _motion(b, q).columns(),
     "/api/fit": _fit,
     "/api/keep": _keep,
     "/api/logs": lambda b, q: b.bench.logs(draft_of(q.get("draft"))),

@@ -50,6 +50,13 @@ export function overlay(pen, view) {
       pen.font = "bold 13px system-ui, sans-serif";
       for (const [word, [u, v]] of [["x", arm(a.angle - Math.PI / 2, o, 76)], ["y", arm(a.angle, o, 76)]]) pen.fillText(word, u - 4, v + 4);
     }
+    const also = store.section === "rod_video" && store.frame === 0 ? store.draft.values["params.track"]?.markers ?? value("params.track", "markers") ?? [] : [];
+    also.forEach(([c, r], k) => {
+      const [x, y] = toScreen(c, r);
+      on(ORANGE, 1.5, () => cross([x, y]));
+      pen.fillStyle = "#fff";
+      pen.fillText(String(k + 2), x + 8, y - 8);
+    });
     if (p.ball) on(ORANGE, 1.5, () => cross(toScreen(...p.ball)));
     const foot = p.foot ?? [value("grain_video", "axis_column"), value("grain_video", "foot_row")];
     if (store.section === "grain_video" && foot[0] != null && foot[1] != null) {

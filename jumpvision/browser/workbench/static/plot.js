@@ -17,6 +17,8 @@ const stage = element("div", { className: "plot", id: "plot", data: { role: "img
 const curves = CURVES.map(([name, words]) => { const b = button(words, () => choose({ curve: store.plot.curve === name ? "" : name })); b.dataset.curve = name; return b; });
 const said = element("p", { id: "said", data: { "aria-live": "polite" } }), numbers = element("dl", { id: "numbers" }), note = element("p", { className: "note" });
 const none = element("div", {}, element("p", { id: "unplotted", data: { "aria-live": "polite" } }), element("div", { className: "buttons" }, button("Track the film", () => track(), "main")));
+const body = element("select", {}), which = row("Body", body);
+body.addEventListener("change", () => { store.plot.body = Number(body.value); attempt(ask); emit("plot"); });
 const some = element("div", {},
   element("div", { className: "pair" }, row("Plot", ys), row("against", xs)), stage,
   element("p", { className: "note", textContent: "Drag over a part to fit a curve to it; click a point to see its frame." }),
@@ -29,7 +31,7 @@ const views = [["some", "Plot", some], ["sheet", "Table", sheet]].map(([name, wo
   b.dataset.view = name;
   return [name, b, part];
 });
-box.append(element("div", { className: "choice", data: { role: "group", "aria-label": "Shown as" } }, ...views.map(([, b]) => b)), none, some, sheet);
+box.append(element("div", { className: "choice", data: { role: "group", "aria-label": "Shown as" } }, ...views.map(([, b]) => b)), which, none, some, sheet);
 
 function view(name) {
   store.plot.view = name;
@@ -63,10 +65,11 @@ const ask = latest(async () => {
   if (store.step !== "plot" || store.section !== "rod_video") return;
   try {
     if (!store.track.rows.length) throw new Refusal([store.track.running ? "The tracker is at its first frames." : "No track yet: there is nothing to plot."]);
-    store.columns = await post("api/columns", { draft: store.draft });
+    store.columns = await post("api/columns", { draft: store.draft, ...(store.plot.body > 1 && { body: store.plot.body }) });
     none.hidden = true;
   } catch (e) {
     if (!(e instanceof Refusal)) throw e;
+    if (store.plot.body > 1) { store.plot.body = 1; attempt(ask); return; } // it is no longer followed
     store.columns = null;
     none.hidden = false;
     none.firstChild.textContent = e.problems.join(" ");
@@ -83,7 +86,10 @@ function show() {
     b.setAttribute("aria-pressed", String(on));
     part.hidden = !any || !on;
   }
+  which.hidden = !any || store.columns.bodies < 2;
   if (!any) return;
+  body.replaceChildren(...Array.from({ length: store.columns.bodies }, (_, k) => element("option", { value: k + 1, textContent: k ? `${k + 1}` : "1, the ball" })));
+  body.value = store.plot.body ?? 1;
   const names = store.columns.plotted.map((c) => c.name);
   if (!names.includes(store.plot.y)) store.plot.y = "y";
   if (!names.includes(store.plot.x)) store.plot.x = "time";
@@ -96,7 +102,7 @@ const fit = latest(async () => {
   if (!curve || !store.columns) { store.fit = null; } else {
     const [low, high] = part ?? whole();
     try {
-      store.fit = await post("api/fit", { draft: store.draft, x, y, low, high, curve });
+      store.fit = await post("api/fit", { draft: store.draft, body: store.plot.body ?? 1, x, y, low, high, curve });
       note.className = "note";
       const shared = store.fit.parameters.at(store.fit.said ? -1 : 0);
       note.textContent = store.fit.excess > 1.5 ? `The points scatter ${Math.sqrt(store.fit.excess).toFixed(1)} times as far as their own sigma says, or the curve is another one; every ± is larger by that.`

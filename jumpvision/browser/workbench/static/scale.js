@@ -21,6 +21,7 @@ const parts = {
     place("ball", "Ball", 2, "Click the ball, or whatever is to be followed"),
     pickNumber("ball_diameter", "Its diameter [mm]"),
     element("p", { className: "note", textContent: "The diameter gives the scale to 1 %; a ruler is better." }),
+    bodies(),
     element("h3", { textContent: "A known length" }), ...marks(),
     element("h3", { textContent: "Origin and axes" }), cross(),
     place("rail", "Along the rail", 4, "Drag along the rail, or click two points of it", true),
@@ -50,6 +51,22 @@ const roles = element("div", { className: "row" }, element("span", { id: "shows"
 const made = Object.fromEntries(Object.entries(parts).map(([s, children]) => [s, element("div", {}, ...children)]));
 const facts = element("p", { className: "note", id: "scale-now" });
 box.append(element("h2", { textContent: "What is known of the film" }), roles, facts, ...Object.values(made));
+
+const others = () => store.draft.values["params.track"]?.markers ?? value("params.track", "markers") ?? [];
+function bodies() { // further balls, each followed by itself
+  const said = element("span", { className: "note" });
+  const add = button("Add", () => take({ key: "markers", numbers: 2, hint: "Click another ball, in the first frame" }));
+  add.dataset.tool = "markers";
+  const drop = button("Remove last", () => setValue("params.track", "markers", others().slice(0, -1)));
+  const out = element("div", { className: "tool" }, element("div", { className: "row" }, element("span", { className: "label", textContent: "Further balls" }), said, add, drop));
+  on("state section draft preview tool", () => {
+    said.textContent = others().length ? String(others().length) : "none";
+    drop.hidden = !others().length;
+    add.setAttribute("aria-label", "Add a further ball: click it on the film");
+    out.classList.toggle("active", store.tool?.key === "markers");
+  });
+  return out;
+}
 
 function cross() { // the axes of the ball: a cross that is dragged by its middle and turned by its arm
   const said = element("p", { className: "note" });
@@ -110,6 +127,7 @@ on("state section preview", () => {
 // A click goes to the tool that is armed; without one, on the rod film, it is the ball.
 onPick((c, r) => {
   const tool = store.tool;
+  if (tool?.key === "markers") { take(null); setValue("params.track", "markers", [...others(), [c, r]]); return; }
   if (tool?.key === "origin") { take(null); setValue("rod_video", "origin", [c, r]); return; }
   if (tool?.key === "correct") { store.draft.corrections[store.frame] = [c, r]; changed(); emit("track"); return; }
   if (!tool) { if (store.section === "rod_video" && ["scale", "find"].includes(store.step)) ballAt(c, r); return; }
