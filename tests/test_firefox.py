@@ -109,6 +109,6 @@ def test_the_workbench_shows_tracks_and_writes(opened, served, tmp_path):
     assert page.evaluate("workbench.store.track.rows.filter((r) => r[3]).length") == 0
     page.locator("#scrub").fill("300")
     until(page, "workbench.player.shown === 300")
-    page.keyboard.press("4")
+    page.keyboard.press("5")
     page.locator("#write").wait_for(state="visible")
     server.close_benches()

@@ -30,7 +30,6 @@ from jumpvision.experiment.init.measure import tilt_of
 from jumpvision.experiment.inputs.experiment import open_experiment
 from jumpvision.experiment.inputs.sections import Calibration, RodCorrections, RodVideo
 from jumpvision.experiment.stages.track import track
-from jumpvision.films.arrays.piv import piv as of_arrays
 from jumpvision.films.calibration import CLICKED_MARK
 from jumpvision.films.parameters import TrackParams
 from jumpvision.films.vision.camera import camera
@@ -192,27 +191,6 @@ def test_a_frame_is_shown_as_it_is(tmp_path):
     s.close()
 
 
-def test_the_vectors_of_a_pair_are_those_of_the_matcher(tmp_path):
-    shutil.copytree(SAND, tmp_path / "film", ignore=shutil.ignore_patterns("truth.json"))
-    b = Benches(tmp_path / "film")
-    roi = [60, 20, 187, 115]
-    draft = draft_of({"values": {"grain_video": {"roi": roi}, "params.piv": {"window": 32, "step": 16}}})
-    found = b.bench.pair(draft, 0)
-    film = b.bench.film("grain_video")
-    part = [film.grey(i)[roi[1] : roi[3] + 1, roi[0] : roi[2] + 1] for i in (0, 1)]
-    direct = of_arrays(*part, window=32, step=16)
-    u, v = direct.u.to_numpy().ravel(), -direct.v.to_numpy().ravel()
-    there = np.isfinite(direct.u_raw.to_numpy().ravel()) | np.isfinite(u)
-    assert np.allclose(np.array(found.u, float), u[there], atol=1e-9, equal_nan=True)
-    assert np.allclose(np.array(found.v, float), v[there], atol=1e-9, equal_nan=True)
-    length = np.hypot(direct.u_sigma, direct.v_sigma).to_numpy().ravel()[there]  # of both axes together
-    assert np.allclose(np.array(found.sigma, float), length, atol=1e-9, equal_nan=True)
-    assert min(found.x) >= roi[0] and max(found.y) <= roi[3] and found.measured == (direct.chc > 0).sum()
-    with pytest.raises(InputError, match="for a pair"):
-        b.bench.pair(draft, len(film) - 1)
-    b.close()
-
-
 def test_lines_of_long_logs_keep_their_extremes():
     t = np.linspace(0, 1, 200_003)
     y = np.sin(40 * t)
@@ -345,8 +323,7 @@ def test_bad_questions_are_answered_with_what_is_wrong(tmp_path, served):
         ("/api/preview", {"draft": {"values": {"rod_vid": {}}}}, 400, "rod_vid"),
         ("/api/preview", {"draft": {"corrections": {"-1": [1, 2]}}}, 400, "frame = '-1'"),
         ("/api/preview", {"draft": {"corrections": {"1": [1, "a"]}}}, 400, "must be [column, row]"),
-        ("/api/preview", {"draft": {"picks": {"rod_video": {"marks": [1, 2, 3, 4]}}}}, 400, "belong together"),
-        ("/api/pair", {"draft": {}, "frame": 0}, 400, "[grain_video]"),
+        ("/api/flow", {"draft": {}, "frame": 0, "map": "u"}, 400, "grain_video"),
         ("/api/role", {"section": "rod_video", "role": "crater_image"}, 400, "role = 'crater_image'"),
         ("/api/open", {"experiment": "../x"}, 400, "must be one of"),
         ("/api/preview", b"{", 400, "JSON"),
@@ -538,7 +515,7 @@ def test_a_frame_is_corrected_by_hand_and_a_log_is_moved(hard, browser, served):
     p.page.mouse.down()
     p.page.mouse.move(middle[0] + 50, middle[1])
     p.page.mouse.up()
-    p.page.keyboard.press("4")
+    p.page.keyboard.press("5")
     p.until("workbench.store.preview?.difference.some((d) => d.includes('[rod_corrections]'))")
     p.click("#write")
     p.page.wait_for_selector("text=Written: corrections.csv, experiment.toml")
@@ -599,7 +576,7 @@ def test_no_serious_finding_of_axe(width, scheme, hard, browser, served):
     module = pytest.importorskip("axe_playwright_python.sync_playwright", reason="pip install axe-playwright-python")
     p = Page(browser, served(hard), width, scheme, touch=width < 1000)
     found = {}
-    for step in "1234":
+    for step in "12345":
         p.page.keyboard.press(step)
         p.page.wait_for_timeout(100)
         for v in module.Axe().run(p.page).response["violations"]:
@@ -612,7 +589,7 @@ def test_no_serious_finding_of_axe(width, scheme, hard, browser, served):
 @pytest.mark.long
 def test_the_campaign_is_run_by_its_button(hard, browser, served):
     p = Page(browser, served(hard))
-    p.page.keyboard.press("4")
+    p.page.keyboard.press("5")
     p.page.get_by_role("button", name="Run this experiment").click()
     until(lambda: p.page.get_by_text("done", exact=True).count() > 0, 600)
     summary = json.loads((hard.parent / "results" / "hard" / "summary.json").read_text())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -230,9 +231,38 @@ def parabolas(t: Array, values: Array, sigma: Array, window: int) -> list[tuple[
     the ends the nearest ones. NaN where fewer than three are good. The sigma is that of independent errors; what the
     third derivative adds within the window is not in it.
     """
-    n, half = t.size, window // 2
     good = np.isfinite(values).all(axis=0) & np.isfinite(sigma)
-    rates, bends = (np.full((len(values) + 1, n), np.nan) for _ in range(2))
+    rates, bends = (np.full((len(values) + 1, t.size), np.nan) for _ in range(2))
+    for i, use, weight, size, covariance in _parabolas(t, good, sigma, window):
+        found = weight @ (values[:, use] / sigma[use]).T
+        rates[:-1, i], bends[:-1, i] = found[1] / size[1], 2.0 * found[2] / size[2]
+        rates[-1, i], bends[-1, i] = np.sqrt(np.diag(covariance)[1:]) / size[1:] * (1.0, 2.0)
+    return list(zip(rates, bends))
+
+
+def parabola_noise(
+    t: Array, good: NDArray[np.bool_], sigma: Array, window: int
+) -> tuple[scipy.sparse.csr_array, scipy.sparse.csr_array]:
+    """Errors of the rate and of the second derivative of `parabolas` from those of the samples: (n, n) times a unit
+    normal for each sample. Neighbours share samples, and so errors."""
+    at: list[Array] = []
+    entries: list[Array] = []
+    for i, use, weight, size, _ in _parabolas(t, good, sigma, window):
+        at.append(np.stack([np.full(use.size, i), use]))
+        entries.append(np.stack([weight[1] / size[1], 2.0 * weight[2] / size[2]]))
+    square, make = (t.size, t.size), scipy.sparse.csr_array
+    if not at:
+        return make(square), make(square)
+    (row, column), (first, second) = np.concatenate(at, axis=1), np.concatenate(entries, axis=1)
+    return make((first, (row, column)), shape=square), make((second, (row, column)), shape=square)
+
+
+def _parabolas(
+    t: Array, good: NDArray[np.bool_], sigma: Array, window: int
+) -> Iterator[tuple[int, NDArray[np.intp], Array, Array, Array]]:
+    """Of every sample with three good ones near it: its number, those, (3, k) of what a parabola about it takes of
+    their values over sigma, the size of its three columns, their covariance."""
+    n, half = t.size, window // 2
     for i in range(n):
         first = min(max(i - half, 0), max(n - window, 0))
         use = np.flatnonzero(good[first : first + window]) + first
@@ -242,7 +272,4 @@ def parabolas(t: Array, values: Array, sigma: Array, window: int) -> list[tuple[
         size = np.array([1.0, *(float(np.max(np.abs(s))) ** k for k in (1, 2))])  # columns of one size
         design = np.stack([np.ones_like(s), s, s * s], axis=1) / size / sigma[use, None]
         covariance = np.linalg.inv(design.T @ design)
-        found = covariance @ design.T @ (values[:, use] / sigma[use]).T
-        rates[:-1, i], bends[:-1, i] = found[1] / size[1], 2.0 * found[2] / size[2]
-        rates[-1, i], bends[-1, i] = np.sqrt(np.diag(covariance)[1:]) / size[1:] * (1.0, 2.0)
-    return list(zip(rates, bends))
+        yield i, use, covariance @ design.T, size, covariance

@@ -61,6 +61,9 @@ class BedParams(Params):
     method: str = param(
         "edge", "", "edge fit in each column, or the published threshold", choices=("edge", "threshold")
     )
+    threshold: float | None = param(
+        None, "grey levels", 'of method "threshold": darker pixels are grains; default: Otsu\'s', lo=0, hi=1e6
+    )
     reference_height: float | None = param(
         None,
         "m",

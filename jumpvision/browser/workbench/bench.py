@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import json
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,20 +13,40 @@ from typing import Any
 
 import numpy as np
 
+from jumpvision.base.record import plain
 from jumpvision.base.schema import InputError
+from jumpvision.base.storage import write_aside
+from jumpvision.experiment import files
+from jumpvision.experiment.campaign.folder import results_of
 from jumpvision.experiment.init.recognise import ANY_RATE, FILMS, Recording, ball, recognised, recordings
 from jumpvision.experiment.init.text import PICKED, RESULTS, Choices, drafted
 from jumpvision.experiment.inputs.experiment import CAMPAIGN, EXPERIMENT, folder_of
 from jumpvision.experiment.inputs.logs import read_log
 from jumpvision.experiment.inputs.model import read_toml
-from jumpvision.experiment.inputs.sections import SECTIONS, BedImage, Calibration, GrainVideo, RodVideo
-from jumpvision.films.parameters import BedParams, PivParams, TrackParams
+from jumpvision.experiment.inputs.sections import (
+    SECTIONS,
+    Actuation,
+    Bed,
+    BedImage,
+    Calibration,
+    Robot,
+    RodCorrections,
+    RodVideo,
+)
+from jumpvision.experiment.stages.recordings import SCALE_OF_PIXELS
+from jumpvision.films.parameters import BedParams, TrackParams
 
-from .draft import CORRECTIONS, HEAD, Composed, Draft, composed
+from .draft import CORRECTIONS, HEAD, Composed, Draft, composed, placed
+from .earlier import Before, Earlier, FoundBefore
 from .films import Shown
-from .following import Following, Row
+from .flowing import Asked, Flowing
+from .flowing import Shown as Flow
+from .following import Following, Row, section_of
+from .glance import Row as Glanced
+from .glance import glance, small
 from .logs import Trace, traces
-from .matching import BedLine, Pair, bed_line, pair
+from .matching import BedLine, bed_line
+from .plotting import Motion
 from .running import Running
 
 
@@ -44,7 +66,8 @@ class Seen:
 
 @dataclass(frozen=True)
 class State:
-    """All that the page begins with. given: tables of experiment.toml (or of its draft) and campaign.toml."""
+    """All that the page begins with. given: tables of experiment.toml (or of its draft) and campaign.toml.
+    kept: what the page was when it was left."""
 
     folder: str
     name: str
@@ -54,6 +77,10 @@ class State:
     given: Mapping[str, Any]
     corrections: dict[int, tuple[float, float]]
     notes: list[str]
+    kept: object = None
+
+
+KEPT = "workbench.json"
 
 
 class Bench:
@@ -85,6 +112,10 @@ class Bench:
         }
         self.films = {s: Shown(folder / self.recordings[s].file) for s in PICKED if s in self.recordings}
         self.following: Following | None = None
+        self.flowing = Flowing()
+        self.before: FoundBefore | None = None
+        self._motion: tuple[object, Motion] | None = None
+        self._kept: object = None
         self._lock = threading.Lock()
 
     @property
@@ -96,6 +127,7 @@ class Bench:
     def close(self) -> None:
         if self.following:
             self.following.stop()
+        self.flowing.stop()
         for film in self.films.values():
             film.close()
 
@@ -116,7 +148,7 @@ class Bench:
         ]
         exists, name = (self.folder / EXPERIMENT).exists(), self.folder.resolve().name
         given = self.composed(Draft()).table
-        return State(str(self.folder), name, [], exists, films, given, self.corrections(), self.notes)
+        return State(str(self.folder), name, [], exists, films, given, self.corrections(), self.notes, self.kept())
 
     def corrections(self) -> dict[int, tuple[float, float]]:
         """Those on the disk. InputError where the file is none of ours: it would be written over."""
@@ -125,6 +157,35 @@ class Bench:
             return {}
         table = read_log(file, *HEAD.split(","), at_least=0)
         return {int(i): (float(x), float(y)) for i, x, y in zip(table.frame, table.x_px, table.y_px)}
+
+    @property
+    def _notes_file(self) -> Path:
+        """Where the page is kept: with jumpvision's own results, never beside the recordings."""
+        of = (self.folder / self.only).with_suffix("") if self.only else self.folder
+        return (results_of(of.parent) / of.name if self.inherited else results_of(of)) / KEPT
+
+    def kept(self) -> object:
+        """What the page was when it was left; None where it was nothing."""
+        if self._kept is None and self._notes_file.exists():
+            try:
+                self._kept = json.loads(self._notes_file.read_text(encoding="utf-8"))
+            except (ValueError, OSError):  # a power cut: begin anew
+                self._kept = None
+        return self._kept
+
+    def keep(self, page: object) -> None:
+        """Keep the page, in memory and, where something was done on it, on the disk. page: JSON, its own."""
+        if not isinstance(page, dict) or not isinstance(page.get("draft"), dict):
+            raise InputError(["page: must be an object with a draft"])
+        self._kept, draft = page, page["draft"]
+        picks, values = ([v for t in draft.get(k, {}).values() for v in t.values()] for k in ("picks", "values"))
+        done = any(v is not None for v in (*picks, *values)) or bool(draft.get("corrections"))
+        with contextlib.suppress(OSError):  # a folder of others: the memory keeps it until the server ends
+            if done:
+                self._notes_file.parent.mkdir(parents=True, exist_ok=True)
+                write_aside(self._notes_file, json.dumps(page))
+            else:
+                self._notes_file.unlink(missing_ok=True)
 
     def composed(self, draft: Draft) -> Composed:
         """The experiment.toml that the draft makes."""
@@ -171,20 +232,60 @@ class Bench:
         time = self.film(section).film.time
         return 1.0 / float(np.median(np.diff(time))) if len(time) > 1 else ANY_RATE
 
-    def followed(self, since: int) -> tuple[list[Row], Following | None]:
+    def followed(self, since: int) -> tuple[list[Row], Following | FoundBefore | None]:
         """Rows from frame `since` on, and the run that they are of."""
-        run = self.following
+        run = self.following or self.before
         return (run.rows(since), run) if run else ([], None)
 
-    def pair(self, draft: Draft, frame: int) -> Pair:
-        """Vectors of one pair of the grain film."""
-        made = self.composed(draft)
-        film = made.section(GrainVideo)
-        if film is None:
-            raise InputError([f"{self.folder}: no [grain_video] here: nothing to match"])
-        if film.frame_rate is None:
-            film = replace(film, frame_rate=self._rate("grain_video"))
-        return pair(film, made.section(Calibration), made.params(PivParams), frame)
+    def motion(self, draft: Draft, body: int = 1) -> Motion:
+        """A body that was followed, measured with the values of the draft."""
+        made, run = self.composed(draft), self.following
+        film = made.section(RodVideo)
+        if film is None or run is None:
+            raise InputError(["track: none yet; track the film first"])
+        calibration, p, rate = made.section(Calibration), made.params(TrackParams), self._rate("rod_video")
+        key = (
+            json.dumps(plain(made.table), sort_keys=True, default=str),
+            made.corrections,
+            id(run),
+            len(run.rows(0)),
+            body,
+        )
+        if self._motion is None or self._motion[0] != key:
+            found = run.found(film, calibration, p, rate)
+            read = section_of(film, calibration, rate)
+            if read.scale == SCALE_OF_PIXELS:
+                p = replace(p, exposure_correction="none")
+            by_hand = {i: c for i, c in draft.corrections.items() if i < len(found.time)}
+            given = placed(by_hand) if RodCorrections.name in made.table else None
+            robot, actuation = made.section(Robot), made.section(Actuation)
+            self._motion = key, Motion(found, read, calibration, actuation, given, robot, p, body)
+        return self._motion[1]
+
+    def flow(self, draft: Draft, frame: int, name: str, mean: bool) -> Flow:
+        """The flow of the pair that holds a frame of the grain film, or of all pairs."""
+        return self.flowing.shown(self.composed(draft), self._own_rate("grain_video"), frame, name, mean)
+
+    def all_pairs(self, draft: Draft) -> None:
+        """Begin to match all pairs of the grain film."""
+        self.flowing.all_pairs(self.composed(draft), self._own_rate("grain_video"))
+
+    def earlier(self, whole: Path) -> Before:
+        """What a run of it, alone or with its campaign, left; the track and vectors that still hold are taken."""
+        found = Before(self.folder, whole)
+        if not self.following and "rod_video" in self.films:
+            self.before = found.track()
+        if "grain_video" in self.films and not (self.flowing.batch and self.flowing.batch.running):
+            asked = Asked.of(self.composed(Draft()), self._own_rate("grain_video"))
+            self.flowing.batch = found.flow(asked) or self.flowing.batch
+        return found
+
+    def lit(self, draft: Draft, frame: int, width: int) -> dict[str, Any]:
+        """A frame of the grain film as it is matched."""
+        return self.flowing.lit(self.composed(draft), self._own_rate("grain_video"), frame, width)
+
+    def _own_rate(self, section: str) -> float | None:
+        return self._rate(section) if self.film(section).timed else None
 
     def bed(self, draft: Draft, frame: int) -> BedLine:
         """The bed's surface in one picture."""
@@ -192,7 +293,8 @@ class Bench:
         image = made.section(BedImage)
         if image is None:
             raise InputError([f"{self.folder}: no [bed_image] here: no surface to find"])
-        return bed_line(image, made.params(BedParams), self.film("bed_image").grey(frame))
+        sections = made.section(Bed), made.section(Calibration)
+        return bed_line(image, *sections, made.params(BedParams), self.film("bed_image").grey(frame))
 
     def logs(self, draft: Draft) -> Sequence[Trace]:
         """The logs under the film."""
@@ -245,6 +347,32 @@ class Benches:
             if self.running and self.running.running:
                 raise InputError(["run: already running; stop it first"])
             self.running = Running(self.whole)
+
+    def earlier(self) -> Earlier:
+        """What the last run left of what lies on the bench."""
+        return self.bench.earlier(self.whole).seen()
+
+    def glance(self) -> list[Glanced]:
+        """All experiments in a row each."""
+        return glance(self.folders, self.whole)
+
+    def small(self, name: str) -> bytes:
+        """A small picture of an experiment's film."""
+        if name not in self.folders:
+            raise InputError([f"picture of '{name}': must be one of {', '.join(self.folders)}"])
+        return small(self.folders[name])
+
+    def report(self, name: str = "") -> bytes:
+        """The page of the last run: of the whole, or of an experiment of it. InputError where there is none."""
+        if name and name not in self.folders:
+            raise InputError([f"report of '{name}': must be one of {', '.join(self.folders)}"])
+        if name or self.whole == self.bench.folder:
+            file = Before(self.folders.get(name, self.bench.folder), self.whole).results / files.REPORT
+        else:
+            file = results_of(self.whole) / files.REPORT
+        if not file.exists():
+            raise InputError([f"{file}: no such page yet; run it first"])
+        return file.read_bytes()
 
     def close(self) -> None:
         if self.running:

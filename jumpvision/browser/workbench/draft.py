@@ -14,6 +14,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from jumpvision.base.parameters import Params
 from jumpvision.base.schema import InputError, Section, read
 from jumpvision.base.storage import write_aside
@@ -55,7 +57,19 @@ def draft_of(table: object) -> Draft:
     places = {_frame(k): _place(k, v) for k, v in given.items()}
     if len(places) > MOST:
         raise InputError([f"draft: {len(places)} corrections: at most {MOST}"])
-    return Draft({s: picks_of(v) for s, v in picks.items()}, values, dict(sorted(places.items())))
+    return Draft({s: whole(picks_of(v)) for s, v in picks.items()}, values, dict(sorted(places.items())))
+
+
+def whole(picks: Picks) -> Picks:
+    """Without what is half set: one end of a ruler, or a ruler whose length is not typed yet, blocks nothing else."""
+    sizes = {"ball": 2, "marks": 4, "foot": 2, "roi": 4, "rail": 4}
+    half = {k: None for k, n in sizes.items() if (v := getattr(picks, k)) is not None and len(v) < n}
+    for k in ("marks", "rail"):
+        v = getattr(picks, k)
+        if v is not None and len(v) == 4 and v[:2] == v[2:]:
+            half[k] = None
+    picks = replace(picks, **half)
+    return picks if picks.marks and picks.distance else replace(picks, marks=None, distance=None)
 
 
 def _frame(text: str) -> int:
@@ -162,6 +176,12 @@ def composed(
         _put(edits, {"rod_corrections": {"file": (CORRECTIONS, "frames in which a person said where the ball is")}})
     new = edited(base, {s: v for s, v in edits.items() if v}, str(folder / EXPERIMENT))
     return Composed(folder, base, new, merged(inherited, tomllib.loads(new)), text)
+
+
+def placed(corrections: Mapping[int, tuple[float, float]]) -> pd.DataFrame:
+    """The table of corrections.csv as its text reads back."""
+    rows = [(i, float(f"{x:g}"), float(f"{y:g}"), CLICKED_MARK.value) for i, (x, y) in corrections.items()]
+    return pd.DataFrame(rows, columns=HEAD.split(",")).astype({"frame": float})
 
 
 @lru_cache(maxsize=64)  # a click in one field does not search the ball of another again

@@ -8,13 +8,14 @@ import warnings
 from dataclasses import replace
 
 from jumpvision.base.progress import HOOK
+from jumpvision.base.schema import InputError
 from jumpvision.experiment.inputs.sections import Calibration, RodVideo
 from jumpvision.experiment.stages.recordings import SCALE_OF_PIXELS, open_film, view_of
-from jumpvision.experiment.stages.track import BallFilm
+from jumpvision.experiment.stages.track import BallFilm, Followed
 from jumpvision.experiment.workflow.stage import StageWarning
 from jumpvision.films.frames import FrameError
 from jumpvision.films.parameters import TrackParams
-from jumpvision.films.vision.ball.track import BallTrack
+from jumpvision.films.vision.ball.track import BallTrack, as_track
 
 Row = tuple[float | None, float | None, float | None, str]  # x, y, sigma [px], flag
 
@@ -23,10 +24,10 @@ class Following:
     """One run over the film of a section in a thread of its own. rate [Hz]: where neither file nor section has one."""
 
     def __init__(self, film: RodVideo, calibration: Calibration | None, p: TrackParams, rate: float):
-        if film.scale is None and not (calibration and calibration.marks):
-            film = replace(film, scale=SCALE_OF_PIXELS, scale_sigma=0.0, ball_diameter=None)
-        self._section = replace(film, frame_rate=film.frame_rate or rate)
+        self._section = section_of(film, calibration, rate)
         self._balls = BallFilm(self._section, p, lambda shape: view_of(calibration, self._section, shape))
+        self._whole: Followed | None = None
+        self._clock: Followed | None = None  # of the film, without tracks
         self._stop, self._thread = threading.Event(), threading.Thread(target=self._run, daemon=True)
         self._final: list[Row] | None = None
         self.frames, self.doing, self.problem, self.notes = 0, "opening the film", "", tuple[str, ...]()
@@ -53,6 +54,31 @@ class Following:
         follower = self._balls.follower
         return [_row(f.x, f.y, f.sigma, str(f.flag)) for f in follower.found[since:]] if follower is not None else []
 
+    def found(self, film: RodVideo, calibration: Calibration | None, p: TrackParams, rate: float) -> Followed:
+        """What is followed so far, on the clock of `film`. InputError where there is nothing, or where the tracker
+        would do something else with these values."""
+        done, clock = self._whole, self._clock
+        if done is None and clock is not None and self._balls.follower is not None:
+            done = replace(clock, tracks=[as_track(self._balls.follower.found)])
+        if done is None or not len(done.tracks[0].x):
+            raise InputError(["track: none yet; track the film first"])
+        section = section_of(film, calibration, rate)
+        wanted = BallFilm(section, p, lambda shape: view_of(calibration, section, shape))
+        if self._would(wanted, section, done) != self._would(self._balls, self._section, done):
+            raise InputError(["track: it was made with other values (ball, search, exposure); track the film again"])
+        time = done.time
+        if any(getattr(section, k) != getattr(self._section, k) for k in ("frame_rate", "clock", "start")):
+            with warnings.catch_warnings(), open_film(section) as again:
+                warnings.simplefilter("ignore")
+                time = again.time + done.exposure / 2
+        return replace(done, time=time[: len(done.tracks[0].x)])
+
+    @staticmethod
+    def _would(balls: BallFilm, section: RodVideo, of: Followed) -> tuple[object, ...]:
+        """What a track depends on."""
+        settings = balls.settings(of.shape, of.exposure, section.frame_rate or 0.0 if of.exposure else 0.0)
+        return settings, balls.scene, balls.markers, section.path, section.fields, section.axes, section.truncated
+
     def _run(self) -> None:
         HOOK.set(self._told)
         try:
@@ -72,18 +98,28 @@ class Following:
     def _track(self) -> BallTrack | None:
         with open_film(self._section) as film:
             self.frames = len(film)
+            exposure, (rows, columns) = self._balls.exposure(film), film.shape
+            self._clock = Followed([], film.time + exposure / 2, exposure, (rows, columns))
             for i, image in enumerate(film):
                 if self._stop.is_set():
                     return None
                 self._balls.see(image)
                 self._told("frames followed", i + 1, len(film))
             film.shown = True
-            return self._balls.tracks(film)[0]
+            self._whole = self._balls.followed(film)
+            return self._whole.tracks[0]
 
     def _told(self, what: str, done: int, total: int | None) -> None:
         if self._stop.is_set():
             raise ValueError("stopped")  # out of whatever loop is watched
         self.doing = f"{what}: {done} of {total}"
+
+
+def section_of(film: RodVideo, calibration: Calibration | None, rate: float) -> RodVideo:
+    """The section as the tracker takes it: a pixel is the unit where no scale is known. rate [Hz]: where none is."""
+    if film.scale is None and not (calibration and calibration.marks):
+        film = replace(film, scale=SCALE_OF_PIXELS, scale_sigma=0.0, ball_diameter=None)
+    return replace(film, frame_rate=film.frame_rate or rate)
 
 
 def rows_of(track: BallTrack) -> list[Row]:

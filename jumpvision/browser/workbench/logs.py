@@ -46,11 +46,11 @@ def traces(composed: Composed) -> list[Trace]:
     return out
 
 
-def thinned(t: Array, y: Array) -> tuple[Array, Array]:
-    """At most POINTS of the points (n,): of each stretch its lowest and its highest."""
-    if len(t) <= POINTS:
+def thinned(t: Array, y: Array, points: int = POINTS) -> tuple[Array, Array]:
+    """At most `points` of the points (n,): of each stretch its lowest and its highest."""
+    if len(t) <= points:
         return t, y
-    edges = np.linspace(0, len(t), POINTS // 2 + 1).astype(int)
+    edges = np.linspace(0, len(t), points // 2 + 1).astype(int)
     kept = np.array([a + k for a, b in pairwise(edges) for k in (y[a:b].argmin(), y[a:b].argmax())])
     kept = np.unique(kept)
     return t[kept], y[kept]

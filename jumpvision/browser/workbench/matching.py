@@ -1,92 +1,66 @@
-"""One pair of the grain film and one picture of the bed, matched as their stages do."""
+"""One picture of the bed, read as its stage does; and the packing that its stage makes of it."""
 
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from jumpvision.base.record import plain
-from jumpvision.base.schema import InputError
-from jumpvision.experiment.inputs.sections import BedImage, Calibration, GrainVideo
-from jumpvision.experiment.stages.grains.masks import given_mask
-from jumpvision.experiment.stages.grains.piv import Job, stride_of
-from jumpvision.experiment.stages.recordings import open_grains
-from jumpvision.experiment.workflow.stage import StageWarning
-from jumpvision.films.arrays.velocities import matching
-from jumpvision.films.parameters import BedParams, PivParams
-from jumpvision.films.vision.piv.engine import best_prefilter
-from jumpvision.films.vision.piv.light import light_of
-from jumpvision.films.vision.piv.pair import MEASURED, REASONS
+from jumpvision.base.schema import StageWarning
+from jumpvision.experiment.inputs.sections import Bed, BedImage, Calibration
+from jumpvision.experiment.stages.bed.height import bed
+from jumpvision.films.frames import FrameError
+from jumpvision.films.parameters import BedParams
 from jumpvision.films.vision.saturation import saturation_of
-from jumpvision.films.vision.surface import bed_surface
-
-
-@dataclass(frozen=True)
-class Pair:
-    """Vectors of a pair: places x, y and displacements u, v [px, rows down] in the pixels of the film, sigma [px], and
-    reason, a key of `reasons`, "" in it where the vector is measured."""
-
-    frame: int
-    x: list[float]
-    y: list[float]
-    u: list[float | None]
-    v: list[float | None]
-    sigma: list[float | None]
-    reason: list[int]
-    reasons: dict[int, str]
-    measured: int
-
-
-def pair(film: GrainVideo, calibration: Calibration | None, p: PivParams, i: int) -> Pair:
-    """Vectors of the pair that begins with frame i, the foot not masked. InputError for a frame without a partner."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StageWarning)
-        straight, cut = open_grains(film, calibration)
-        with straight as frames:
-            if not 0 <= i < len(frames) - p.gap:
-                raise InputError([f"{film.path}: frame = {i}: must be in [0, {len(frames) - p.gap - 1}] for a pair"])
-            usable = given_mask(film, None, calibration)
-            light = light_of(frames, stride_of(cut, p), p)
-            ends = [light(frames[k], k) for k in (0, p.gap)]
-            prefilter, _ = best_prefilter(*ends, mask=usable, gap=p.gap, **matching(p))
-            alone = replace(p, gap=1, baseline=1, ensemble=1)  # of two frames, one after the other
-            job = Job(film, None, calibration, None, None, light, prefilter, 1, alone)
-            f = next(job.fields((frames[k] for k in (i, i + p.gap)), i, usable))
-    left, top = film.roi[:2] if film.roi else (0.0, 0.0)
-    x, y = np.meshgrid(f.x + left, f.y + top)
-    there = np.isfinite(f.u_raw) | np.isfinite(f.u)
-    return Pair(
-        frame=i,
-        x=plain(x[there]),
-        y=plain(y[there]),
-        u=plain(f.u[there]),
-        v=plain(f.v[there]),
-        sigma=plain(np.hypot(f.u_sigma, f.v_sigma)[there]),
-        reason=plain(f.reason[there]),
-        reasons={k: "" if k in MEASURED else text for k, text in REASONS.items()},
-        measured=int(np.isin(f.reason, MEASURED).sum()),
-    )
+from jumpvision.films.vision.surface import bed_surface, otsu
 
 
 @dataclass(frozen=True)
 class BedLine:
-    """The surface in a picture: row [px] by column, None where it is lost, and why."""
+    """The surface in a picture: row [px] by column, None where it is lost, and why. levels: darkest and brightest grey,
+    threshold: in use, or Otsu's. height [m] and phi: of the stage, each with its sigma; lacks: why there are none."""
 
     row: list[float | None]
     lost: int
     why: str
+    levels: tuple[float, float]
+    threshold: float
+    height: tuple[float, float] | None
+    phi: tuple[float, float] | None
+    lacks: str
 
 
-def bed_line(image: BedImage, p: BedParams, picture: np.ndarray) -> BedLine:
-    """The surface that the bed stage finds in this picture (rows, columns)."""
-    limit = saturation_of(picture, image.saturation)
+def bed_line(
+    image: BedImage, section: Bed | None, calibration: Calibration | None, p: BedParams, picture: np.ndarray
+) -> BedLine:
+    """The surface that the bed stage finds in this picture (rows, columns), and what it makes of [bed_image]."""
+    limit, light = saturation_of(picture, image.saturation), picture.astype(float) ** image.gamma
     s = bed_surface(
-        picture.astype(float) ** image.gamma,
+        light,
         floor_row=image.floor_row,
         method=p.method,
         saturation=None if limit is None else limit**image.gamma,
+        threshold=None if p.threshold is None else p.threshold**image.gamma,
     )
-    why = sorted({str(f) for f in s.flag if f})
-    return BedLine(plain(np.round(s.row, 2)), int(np.count_nonzero(s.flag != "")), "; ".join(why))
+    height, phi, lacks = None, None, ""
+    try:
+        with warnings.catch_warnings(action="ignore", category=StageWarning):
+            found = bed(image, section, calibration, p=p).values
+        height = found["height_m"], found["sigma_m"]
+        if found["volume_fraction"] is not None and found["sigma_volume_fraction"] is not None:
+            phi = found["volume_fraction"], found["sigma_volume_fraction"]
+    except (ValueError, FrameError) as e:
+        lacks = str(e)
+    level = p.threshold if p.threshold is not None else otsu(light, image.floor_row) ** (1.0 / image.gamma)
+    return BedLine(
+        row=plain(np.round(s.row, 2)),
+        lost=int(np.count_nonzero(s.flag != "")),
+        why="; ".join(sorted({str(f) for f in s.flag if f})),
+        levels=(float(np.nanmin(picture)), float(np.nanmax(picture))),
+        threshold=level,
+        height=height,
+        phi=phi,
+        lacks=lacks,
+    )

@@ -8,22 +8,27 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import re
 import traceback
 from collections.abc import Callable
 from pathlib import Path
+from urllib.parse import unquote
 
-from jumpvision.base.local_page import LocalHandler, LocalServer, Refused, static_files
+from jumpvision.base.local_page import ALONE, LocalHandler, LocalServer, Refused, static_files
 from jumpvision.base.record import plain
 from jumpvision.base.schema import InputError
 from jumpvision.films.frames import FrameError
 
 from .bench import Benches
 from .draft import draft_of
+from .plotting import Motion, Part
 
 LARGEST = 4_000_000  # bytes of a question
 FRAME = re.compile(r"/api/frame/([a-z_]+)/([0-9]{1,9})/([0-9]{1,5})\.jpg")
 TRACK = re.compile(r"/api/track\?since=([0-9]{1,9})")
+REPORT = re.compile(r"/report/(?:([^/]+)/)?report\.html")
+SMALL = re.compile(r"/small/([^/]+)\.jpg")
 Question = dict[str, object]
 
 
@@ -39,6 +44,13 @@ def _text(q: Question, key: str) -> str:
     if not isinstance(value, str):
         raise InputError([f"{key} = {value!r}: must be text"])
     return value
+
+
+def _number(q: Question, key: str) -> float:
+    value = q.get(key)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise InputError([f"{key} = {value!r}: must be a number"])
+    return float(value)
 
 
 def _find(b: Benches, q: Question) -> object:
@@ -71,6 +83,29 @@ def _stop(b: Benches, _: Question) -> object:
     return {}
 
 
+def _flow(b: Benches, q: Question) -> object:
+    return b.bench.flow(draft_of(q.get("draft")), _whole(q, "frame"), _text(q, "map"), q.get("mean") is True)
+
+
+def _all_pairs(b: Benches, q: Question) -> object:
+    b.bench.all_pairs(draft_of(q.get("draft")))
+    return {}
+
+
+def _stop_pairs(b: Benches, _: Question) -> object:
+    b.bench.flowing.stop()
+    return {}
+
+
+def _matched(b: Benches) -> object:
+    run = b.bench.flowing.batch
+    if run is None:
+        return {"running": False}
+    running = run.running  # before the rest: what comes with its end is then told
+    now = {"what": run.what, "done": run.done, "total": run.total, "problem": run.problem, "notes": run.notes}
+    return {"running": running, "matched": run.piv is not None, "mean": run.mean is not None, "why": run.why, **now}
+
+
 def _change(b: Benches, q: Question) -> object:
     b.change(_text(q, "experiment"))
     return b.state()
@@ -89,6 +124,20 @@ def _run(b: Benches, _: Question) -> object:
 def _halt(b: Benches, _: Question) -> object:
     if b.running:
         b.running.stop()
+    return {}
+
+
+def _motion(b: Benches, q: Question) -> Motion:
+    return b.bench.motion(draft_of(q.get("draft")), _whole(q, "body") if "body" in q else 1)
+
+
+def _fit(b: Benches, q: Question) -> object:
+    part = Part(_text(q, "x"), _text(q, "y"), _number(q, "low"), _number(q, "high"), _text(q, "curve"))
+    return _motion(b, q).fit(part)
+
+
+def _keep(b: Benches, q: Question) -> object:
+    b.bench.keep(q.get("page"))
     return {}
 
 
@@ -115,8 +164,14 @@ QUESTIONS: dict[str, Callable[[Benches, Question], object]] = {
     "/api/write": _write,
     "/api/track": _track,
     "/api/track/stop": _stop,
-    "/api/pair": lambda b, q: b.bench.pair(draft_of(q.get("draft")), _whole(q, "frame")),
+    "/api/flow": _flow,
+    "/api/flow/all": _all_pairs,
+    "/api/flow/stop": _stop_pairs,
+    "/api/flow/light": lambda b, q: b.bench.lit(draft_of(q.get("draft")), _whole(q, "frame"), _whole(q, "width")),
     "/api/bed": lambda b, q: b.bench.bed(draft_of(q.get("draft")), _whole(q, "frame")),
+    "/api/columns": lambda b, q: _motion(b, q).columns(),
+    "/api/fit": _fit,
+    "/api/keep": _keep,
     "/api/logs": lambda b, q: b.bench.logs(draft_of(q.get("draft"))),
     "/api/open": _change,
     "/api/role": _role,
@@ -156,6 +211,16 @@ class Handler(LocalHandler):
             self._json(200, _followed(benches, int(m[1])))
         elif path == "/api/state":
             self._json(200, benches.state())
+        elif path == "/api/flow/all":
+            self._json(200, _matched(benches))
+        elif path == "/api/earlier":
+            self._json(200, benches.earlier())
+        elif path == "/api/glance":
+            self._json(200, benches.glance())
+        elif m := SMALL.fullmatch(path):
+            self.send(200, "image/jpeg", benches.small(unquote(m[1])))
+        elif m := REPORT.fullmatch(path):
+            self.send(200, "text/html; charset=utf-8", benches.report(unquote(m[1] or "")), ALONE)
         elif path == "/api/run":
             self._json(200, _ran(benches))
         elif (file := path.partition("?")[0]) in self.server.files:

@@ -38,12 +38,13 @@ def odd(campaign: Campaign, outcomes: Sequence[Outcome], diagnosis: Diagnosis | 
             experiment, _, what = name.partition(" ")
             why[experiment].append(f"truth of {what} {abs(z):.1f} sigma off")
     if diagnosis:
-        for name, text in _by_model(diagnosis):
+        for name, text in by_model(diagnosis):
             why.setdefault(name, []).append(text)
     return {name: "; ".join(texts) for name, texts in why.items() if texts}
 
 
-def _by_model(d: Diagnosis) -> Iterable[tuple[str, str]]:
+def by_model(d: Diagnosis) -> Iterable[tuple[str, str]]:
+    """Experiments that a diagnosis sets apart, and why."""
     for v in d.varies:
         if v.established and v.kind == "odd":
             yield from ((name, f"its {v.parameter} differs") for name in v.recordings)

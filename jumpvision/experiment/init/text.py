@@ -42,7 +42,7 @@ SAND = """# The simulation to be tested (docs/keys.md lists the terms). Without 
 # k2 = 1200.0
 # delta = 0.012
 # alpha = 100.0"""
-GROUP = next(f for f in dataclasses.fields(Header) if f.name == "group")
+GROUP, GROUND = (next(f for f in dataclasses.fields(Header) if f.name == name) for name in ("group", "ground"))
 HEAD = """# Written by `jumpvision init`. What could be read from the recordings is filled in. A key behind a # is open:
 # remove the # and give its value. SI units everywhere. Every key: docs/keys.md.
 # Then: jumpvision check FOLDER, and jumpvision run FOLDER"""
@@ -59,7 +59,7 @@ def experiment_toml(
     shared: bool,
 ) -> str:
     """The whole file. shared: robot, bed and model stand in campaign.toml."""
-    parts = [HEAD, f"schema = 1\n{line_of('ground', ground, why)}\n{_open('group', GROUP)}"]
+    parts = [HEAD, f"schema = 1\n{_ground_line(ground, why)}\n{_open('group', GROUP)}"]
     if notes:
         parts.append("\n".join(["# Not used:", *(f"# - {_comment(n)}" for n in notes)]))
     parts += [] if shared else [robot_and_bed(ground)]
@@ -73,10 +73,14 @@ def experiment_toml(
     return "\n\n".join(parts) + "\n"
 
 
+def _ground_line(ground: str, why: str) -> str:
+    return line_of("ground", ground, why) if ground else _open("ground", GROUND)
+
+
 def campaign_toml(ground: str, why: str) -> str:
     """What the experiments of a campaign share."""
     head = "# Written by `jumpvision init`: what all experiments of this folder share; an experiment.toml wins over it."
-    return f"{head}\nschema = 1\n{line_of('ground', ground, why)}\n\n{robot_and_bed(ground)}\n"
+    return f"{head}\nschema = 1\n{_ground_line(ground, why)}\n\n{robot_and_bed(ground)}\n"
 
 
 def robot_and_bed(ground: str) -> str:
@@ -223,4 +227,6 @@ def _ground(folder: Path, found: list[Recording], given: str) -> tuple[str, str]
         return "granular", '"hard" or "granular"; there are recordings of grains'
     if "hard" in name or "floor" in name:
         return "hard", '"hard" or "granular"; by the folder\'s name'
+    if all(r.section == "rod_video" for r in found):  # of any ball: perhaps nothing stands on a ground
+        return "", ""
     return "granular", '"hard" or "granular": nothing here says; check'

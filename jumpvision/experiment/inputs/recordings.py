@@ -107,6 +107,9 @@ class RodVideo(FileSection):
         choices=("together", "top", "bottom"),
     )
     up: str = param("-y", "", "image direction of physical up", choices=("-y", "+y", "-x", "+x"))
+    origin: tuple[float, ...] = param(
+        (), "px", "[column, row] of the origin of x_m and y_m in track.csv; y along the rail, x to its right"
+    )
     exclude_frames: tuple[str, ...] = param((), "", "frames to leave out: 'first:last reason', both included")
 
     def check(self) -> list[str]:
@@ -115,6 +118,7 @@ class RodVideo(FileSection):
         return (
             scale_problems(self)
             + exposure_problems(self.exposure, self.frame_rate)
+            + ([] if len(self.origin) in (0, 2) else [f"origin = {list(self.origin)}: must be [column, row] in px"])
             + [
                 f"exclude_frames entry {e[:60]!r}: must read 'first:last reason', e.g. '120:135 lamp flicker', "
                 "with numbers of at most nine digits"

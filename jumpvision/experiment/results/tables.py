@@ -54,6 +54,7 @@ class Track(Table):
     file = "track.csv"
     further = (
         *("sigma_common_m", "exposure_shift_m", "exposure_shift_sigma_m", "lens_m"),
+        *("x_m", "y_m"),  # where [rod_video] origin is given
         *("corrected", "x_found_px", "y_found_px", "flag_found"),  # where [rod_corrections] is given
     )
     columns = ("frame", "time_s", "x_px", "y_px", "sigma_px", "height_m", "sigma_m", "flag")

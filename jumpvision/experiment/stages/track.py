@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -56,54 +56,126 @@ def track(
     gives a frame, that is taken and marked, with what was found kept beside it. Without a scale, and without a motor
     whose jump is to be measured, positions are in px alone: heights are NaN.
     """
-    if in_pixels(film, calibration) and in_px_alone(actuation):
-        blind = replace(film, scale=SCALE_OF_PIXELS, ball_diameter=None)
-        motions, _ = from_film(blind, calibration, replace(p, exposure_correction="none"), corrections)
+    film, p = readable(film, calibration, actuation, p)
+    found = see_film(film, calibration, p)
+    return as_result(found, film, calibration, actuation, places_of(corrections, len(found.time)), p)
+
+
+def readable(
+    film: RodVideo, calibration: Calibration | None, actuation: Actuation | None, p: TrackParams
+) -> tuple[RodVideo, TrackParams]:
+    """The film and the parameters that it is followed with: a pixel is the unit where no scale is needed or known."""
+    if not (in_pixels(film, calibration) and in_px_alone(actuation)):
+        return film, p
+    blind = replace(film, scale=SCALE_OF_PIXELS, scale_sigma=0.0, ball_diameter=None)
+    return blind, replace(p, exposure_correction="none")
+
+
+@dataclass(frozen=True)
+class Followed:
+    """What a film shows of its balls, before any scale. time (n,), at mid-exposure, and exposure in [s]; shape (rows,
+    columns) [px]."""
+
+    tracks: list[BallTrack]
+    time: NDArray[np.float64]
+    exposure: float
+    shape: tuple[int, int]
+
+
+def see_film(film: RodVideo, calibration: Calibration | None, p: TrackParams) -> Followed:
+    """The balls of a film, followed."""
+    balls = BallFilm(film, p, partial(view_of, calibration, film))
+    with open_film(film, balls.see if balls.ready else None) as frames:
+        found = balls.followed(frames)
+        # with a tenth of the frames lost, the film is asked whether it is interlaced
+        if film.fields == "together" and np.mean(found.tracks[0].flag != "") > 0.1 and (order := order_of(frames)):
+            warnings.warn(
+                StageWarning("frames", INTERLACED.format("[rod_video] fields", order), film.name), stacklevel=2
+            )
+    return found
+
+
+def as_result(
+    found: Followed,
+    film: RodVideo,
+    calibration: Calibration | None,
+    actuation: Actuation | None,
+    given: pd.DataFrame | None,
+    p: TrackParams,
+) -> Track:
+    """The result of the stage from what was followed. film, p: as `readable` gives them; given: as in `by_hand`."""
+    motions, share = motions_of(found, film, calibration, p, given)
+    if film.scale == SCALE_OF_PIXELS:
         unknown = dict.fromkeys(("height_m", "sigma_m", "exposure_shift_m", "exposure_shift_sigma_m", "lens_m"), np.nan)
-        first, *others = (m.assign(**{c: x for c, x in unknown.items() if c in m}) for m in motions)
-        return Track(first, tuple(others))
-    motions, share = from_film(film, calibration, p, corrections)
-    first, *others = (with_common(with_rest_zero(motion, actuation), share) for motion in motions)
-    return Track(first, tuple(others))
+        motions = [m.assign(**{c: x for c, x in unknown.items() if c in m}) for m in motions]
+        motions = [m.drop(columns=list(PLACES), errors="ignore") for m in motions]
+    else:
+        motions = [with_common(with_rest_zero(motion, actuation), share) for motion in motions]
+    return Track(motions[0], tuple(motions[1:]))
 
 
 def from_film(
     film: RodVideo, calibration: Calibration | None, p: TrackParams, corrections: RodCorrections | None = None
 ) -> tuple[list[pd.DataFrame], float]:
+    """`motions_of` a film that is followed for it."""
+    found = see_film(film, calibration, p)
+    return motions_of(found, film, calibration, p, places_of(corrections, len(found.time)))
+
+
+def motions_of(
+    found: Followed,
+    film: RodVideo,
+    calibration: Calibration | None,
+    p: TrackParams,
+    given: pd.DataFrame | None = None,
+) -> tuple[list[pd.DataFrame], float]:
     """Columns of Track for every ball, height along the rail from the camera's own zero, sigma_m the noise alone; and
-    the relative uncertainty that all heights share. corrections: of the first ball."""
-    balls = BallFilm(film, p, partial(view_of, calibration, film))
-    with open_film(film, balls.see if balls.ready else None) as frames:
-        tracks, view = balls.tracks(frames), view_of(calibration, film, frames.shape)
-        if film.fields != "together":
-            tracks = [replace(ball, sigma=ball.sigma * FIELD_OF_FRAME.value) for ball in tracks]
-        # with a tenth of the frames lost, the film is asked whether it is interlaced
-        elif np.mean(tracks[0].flag != "") > 0.1 and (order := order_of(frames)):
-            warnings.warn(
-                StageWarning("frames", INTERLACED.format("[rod_video] fields", order), film.name), stacklevel=2
-            )
-        other, exposure = other_lens(calibration, film, frames.shape), balls.exposure(frames)
-        time = frames.time + exposure / 2
-    motions = [ball_motion(film, ball, time, view, k + 1) for k, ball in enumerate(tracks)]
-    if corrections is not None:
-        motions[0] = by_hand(motions[0], corrections, view)
+    the relative uncertainty that all heights share. given: places of the first ball, as in `by_hand`."""
+    view, other = view_of(calibration, film, found.shape), other_lens(calibration, film, found.shape)
+    motions = [ball_motion(film, ball, found.time, view, k + 1) for k, ball in enumerate(found.tracks)]
+    if given is not None:
+        motions[0] = by_hand(motions[0], given, view)
     motions = [through(other, motion) for motion in motions]
-    corrected = [at_mid_exposure(motion, exposure, p.exposure_correction) for motion in motions]
+    corrected = [at_mid_exposure(motion, found.exposure, p.exposure_correction) for motion in motions]
+    if film.origin:
+        corrected = [in_axes(m, view, film.origin, found.exposure, p.exposure_correction) for m in corrected]
     return corrected, height_share(view, calibration)
 
 
-def by_hand(motion: pd.DataFrame, corrections: RodCorrections, view: Camera) -> pd.DataFrame:
-    """The motion with the positions that a person gives: corrected is 1 there, and x_found_px, y_found_px, flag_found
-    hold what was found. Raises InputError for a frame that the film does not have or a sigma that is none."""
+PLACES = ("x_m", "y_m")
+
+
+def in_axes(motion: pd.DataFrame, view: Camera, origin: tuple[float, ...], exposure: float, how: str) -> pd.DataFrame:
+    """The motion with x_m to the right of the rail's upward direction and y_m along it, from the origin (column, row)
+    [px]. height_m is still the camera's own; what the exposure adds is taken out of both where it is out of that."""
+    across = view.across(motion.x_px, motion.y_px)
+    if how == "apply" and exposure > 0:
+        shift = exposure_shift(motion.time_s.to_numpy(float), across, exposure)
+        across = across - np.where(np.isfinite(shift), shift, 0.0)
+    zero = view.across(*origin), view.height(*origin)
+    return motion.assign(x_m=across - zero[0], y_m=motion.height_m - zero[1])
+
+
+def places_of(corrections: RodCorrections | None, n: int) -> pd.DataFrame | None:
+    """frame, x_px, y_px, sigma_px of [rod_corrections]; InputError for a frame that the film of n frames does not have
+    or a sigma that is none."""
+    if corrections is None:
+        return None
     given = read_log(corrections, "frame", "x_px", "y_px", "sigma_px", at_least=0)
-    n, at = len(motion), given.frame.to_numpy()
-    for row, (frame, sigma) in enumerate(zip(at, given.sigma_px), 1):
+    for row, (frame, sigma) in enumerate(zip(given.frame, given.sigma_px), 1):
         if frame != int(frame) or not 0 <= frame < n:
             raise InputError(
                 [f"{corrections.path}: row {row}, frame = {frame:g}: must be a frame of the film, 0 to {n - 1}"]
             )
         if not sigma > 0:
             raise InputError([f"{corrections.path}: row {row}, sigma_px = {sigma:g}: must be above 0 px"])
+    return given
+
+
+def by_hand(motion: pd.DataFrame, given: pd.DataFrame, view: Camera) -> pd.DataFrame:
+    """The motion with the positions that a person gives (frame, x_px, y_px, sigma_px): corrected is 1 there, and
+    x_found_px, y_found_px, flag_found hold what was found."""
+    at = given.frame.to_numpy()
     x, y, sigma = (given[c].to_numpy(float) for c in ("x_px", "y_px", "sigma_px"))
     found = {"x_found_px": motion.x_px, "y_found_px": motion.y_px, "flag_found": motion.flag}
     motion = motion.assign(corrected=0, **found)
@@ -163,7 +235,8 @@ def ball_motion(film: RodVideo, found: BallTrack, time: NDArray[np.float64], vie
     if bad.any():
         lost = np.flatnonzero(bad)
         said = f"{which}{lost.size} of {n} frames lost (first {lost[0]}: {flag[lost[0]]})"
-        warnings.warn(StageWarning("frames", said, film.name, {"lost": int(lost.size), "of": n}), stacklevel=2)
+        numbers = {"lost": int(lost.size), "of": n, "frame": int(lost[0])}
+        warnings.warn(StageWarning("frames", said, film.name, numbers), stacklevel=2)
     for note in found.notes:
         warnings.warn(StageWarning("frames", f"{which}{note}", film.name), stacklevel=2)
     x, y, sigma = (np.where(bad, np.nan, v) for v in (found.x, found.y, found.sigma))
@@ -226,6 +299,14 @@ class BallFilm:
             if near and replace(guess, exposure_fraction=fraction) == settings:
                 return seen.finish(frames)
         return track_film(frames, settings, scene=self.scene, markers=self.markers)
+
+    def followed(self, frames: Film) -> Followed:
+        """The tracks with the film's clock, the sigma of half pictures as it is; see `tracks`."""
+        tracks, exposure = self.tracks(frames), self.exposure(frames)
+        if self.film.fields != "together":
+            tracks = [replace(ball, sigma=ball.sigma * FIELD_OF_FRAME.value) for ball in tracks]
+        rows, columns = frames.shape
+        return Followed(tracks, frames.time + exposure / 2, exposure, (rows, columns))
 
     def settings(self, shape: tuple[int, ...], exposure: float, rate: float) -> BallSettings:
         """How to follow the first ball at this exposure [s] and frame rate [Hz]."""

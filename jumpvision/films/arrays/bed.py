@@ -49,7 +49,11 @@ def bed(
     rows = []
     for picture in images:
         s = bed_surface(
-            picture.astype(float), floor_row=floor_row, method=p.method, saturation=saturation_of(picture, saturation)
+            picture.astype(float),
+            floor_row=floor_row,
+            method=p.method,
+            saturation=saturation_of(picture, saturation),
+            threshold=p.threshold,
         )
         h = bed_height(s, floor_row)
         rows.append((h.height * size, h.sigma * size, h.roughness * size, h.tilt, h.n))

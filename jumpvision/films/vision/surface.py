@@ -53,7 +53,14 @@ class BedHeightPx:
     block: int
 
 
-def bed_surface(image: ArrayLike, *, floor_row: float | None, method: str, saturation: float | None = None) -> Surface:
+def bed_surface(
+    image: ArrayLike,
+    *,
+    floor_row: float | None,
+    method: str,
+    saturation: float | None = None,
+    threshold: float | None = None,
+) -> Surface:
     """Surface row of every column of a grey image, shape (ny, nx), light above and dark grains below.
 
     floor_row [px]: row of the bed's floor; nothing below it is looked at (None: the whole image).
@@ -62,7 +69,7 @@ def bed_surface(image: ArrayLike, *, floor_row: float | None, method: str, satur
     method "edge": a smooth chain of columns through the strongest bright-above-dark step, then in each column the row
     and width of an error function fitted to the grey values, less what light through the grains adds (`glow`).
     method "threshold": as published, Otsu's threshold, a few erosions and dilations, and the first dark
-    row of what hangs together with the bed.
+    row of what hangs together with the bed; threshold: another one than Otsu's, in the image's grey values.
     """
     grey = np.asarray(image, dtype=float)
     if grey.ndim != 2 or grey.shape[0] < 4 * REACH or grey.shape[1] < 2:
@@ -82,7 +89,7 @@ def bed_surface(image: ArrayLike, *, floor_row: float | None, method: str, satur
     if method == "edge":
         return _edge(grey, saturation)
     if method == "threshold":
-        return _threshold(grey)
+        return _threshold(grey, threshold)
     raise ValueError(f"bed_surface: method = {method!r} must be 'edge' or 'threshold'")
 
 
@@ -217,15 +224,20 @@ def _edge_fit(grey: Array, start: Array) -> tuple[Array, Array, NDArray[np.bool_
     return p[:, 2], sigma, fitted
 
 
-def _threshold(grey: Array) -> Surface:
+def otsu(grey: Array, floor_row: float | None = None) -> float:
+    """Otsu's threshold of a picture (rows, columns) down to its floor."""
     from skimage.filters import threshold_otsu
 
+    return float(threshold_otsu(grey if floor_row is None else grey[: math.floor(floor_row) + 1]))
+
+
+def _threshold(grey: Array, level: float | None) -> Surface:
     nx = grey.shape[1]
     column = np.arange(nx, dtype=float)
     if np.ptp(grey) == 0.0:
         return Surface(column, np.full(nx, NAN), np.full(nx, NAN), np.full(nx, "no bright-above-dark edge"))
     margin = ITERATIONS + 1  # the picture's border is no edge of the bed
-    dark = np.pad(np.asarray(grey < threshold_otsu(grey)), margin, mode="edge")
+    dark = np.pad(np.asarray(grey < (otsu(grey) if level is None else level)), margin, mode="edge")
     dark = scipy.ndimage.binary_closing(
         scipy.ndimage.binary_opening(dark, iterations=ITERATIONS), iterations=ITERATIONS
     )[margin:-margin, margin:-margin]

@@ -14,9 +14,9 @@ typed.addEventListener("change", () => {
   if (v.length === 2 && v.every(Number.isFinite)) { store.draft.corrections[store.frame] = v; changed(); emit("track"); }
 });
 const list = element("ul", { className: "list" }), logs = element("div", {});
-check.append(element("h2", { textContent: "Is it right?" }), counts,
+check.append(element("div", { className: "ball-only" }, element("h2", { textContent: "Is it right?" }), counts,
   element("div", { className: "buttons" }, button("‹ Previous lost", () => problem(-1)), button("Next lost ›", () => problem(1)), fix),
-  row("Ball in this frame", typed), why, element("h3", { textContent: "Corrected by hand" }), list,
+  row("Ball in this frame", typed), why, element("h3", { textContent: "Corrected by hand" }), list),
   element("h3", { textContent: "Logs on the film's clock" }), logs);
 
 on("state track frame draft tool", () => {
@@ -36,7 +36,7 @@ on("logs", () => {
     element("strong", { textContent: `[${log.section}]` }), ...(log.problem ? [element("p", { className: "bad", textContent: log.problem })]
       : [valueNumber(log.section, "start", "Starts at [s]", { usual: 0 }).made])));
   const sigma = valueNumber("clock", "offset_sigma", "How well that is known, sigma [s]", { usual: 0 }).made;
-  logs.replaceChildren(...(made.length ? [...made, sigma, element("p", { className: "note", textContent: "Drag a log under the film until its motion lies on that of the ball; sigma is set to the time of one pixel." })]
+  logs.replaceChildren(...(made.length ? [...made, sigma, element("p", { className: "note", textContent: "Drag a log under the film until its motion lies on that in the film; sigma is set to the time of one pixel." })]
     : [element("p", { className: "note", textContent: "There are none here." })]));
   emit("preview");
 });
@@ -52,9 +52,9 @@ const write = button("Write experiment.toml", () => save(), "main");
 write.id = "write";
 const start = button("Run", () => go(), "main"), halt = button("Stop", () => attempt(() => post("api/run/stop")));
 const bar = element("progress", { max: 1, value: 0, data: { "aria-label": "Experiments done" } });
-const said = element("p", { data: { "aria-live": "polite" } }), lines = element("pre", { tabIndex: 0, data: { "aria-label": "Lines of the run" } });
+const said = element("p", { id: "run-said", data: { "aria-live": "polite" } }), lines = element("pre", { tabIndex: 0, data: { "aria-label": "Lines of the run" } });
 runs.append(element("h2", { textContent: "Write and run" }), diff, element("div", { className: "buttons" }, write), wrote,
-  element("h3", { textContent: "The rest" }), element("div", { className: "buttons" }, start, halt), bar, said, lines);
+  element("h3", { textContent: "The rest" }), element("div", { className: "buttons" }, start, halt), bar, said, element("details", {}, element("summary", { textContent: "What the run says" }), lines));
 
 on("state preview", () => {
   const p = store.preview, many = (store.state?.experiments.length ?? 0) > 1;
@@ -73,7 +73,7 @@ export async function save() {
   wrote.className = "good";
   wrote.textContent = `Written: ${done.written.join(", ")}`;
   Object.assign(store.state, { exists: true, corrections: { ...store.draft.corrections } });
-  store.draft = { picks: {}, values: {}, corrections: store.draft.corrections };
+  store.draft = { picks: store.draft.picks, values: {}, corrections: store.draft.corrections }; // marks stay on the film
   changed();
 }
 
@@ -83,7 +83,7 @@ async function go() {
 }
 
 export async function watchRun() {
-  for (;;) {
+  for (let began = false; ; began = true) {
     const now = await attempt(() => get("api/run"));
     if (!now) return;
     start.disabled = now.running;
@@ -94,7 +94,7 @@ export async function watchRun() {
     lines.hidden = !now.lines?.length;
     lines.textContent = (now.lines ?? []).join("\n");
     lines.scrollTop = lines.scrollHeight;
-    if (!now.running) return;
+    if (!now.running) { if (began) emit("ran"); return; }
     await new Promise((done) => setTimeout(done, 500));
   }
 }

@@ -28,8 +28,10 @@ const quiet = (input) => document.activeElement !== input;
 // A number among the picks of the section, as a distance in mm.
 export function pickNumber(key, words) {
   const input = element("input", { type: "text", inputMode: "decimal", autocomplete: "off" });
+  input.dataset.pick = key;
   input.addEventListener("input", () => setPick(key, number(input.value)));
   on("state section", () => { input.value = shown(picks()[key]); });
+  on("undone", () => { input.value = shown(picks()[key]); });
   return row(words, input);
 }
 
@@ -62,10 +64,10 @@ export function valueChoice(section, key, words, choices, usual) {
 }
 
 // A place on the film: clicked, or typed as numbers with commas between them.
-export function place(key, words, numbers, hint) {
+export function place(key, words, numbers, hint, drag = false) {
   const input = element("input", { type: "text", autocomplete: "off", placeholder: numbers === 1 ? "row" : numbers === 2 ? "column, row" : "x, y, x, y" });
-  const arm = button("Click", () => take({ key, numbers, hint }));
-  arm.setAttribute("aria-label", `${words}: click it on the film`);
+  const arm = button(drag ? "Draw" : "Click", () => take({ key, numbers, hint, drag }));
+  arm.setAttribute("aria-label", `${words}: ${drag ? "draw" : "click"} it on the film`);
   arm.dataset.tool = key;
   input.addEventListener("change", () => {
     const v = input.value.split(/[,;\s]+/).filter(Boolean).map(Number);
@@ -84,5 +86,6 @@ export function place(key, words, numbers, hint) {
 
 export function take(tool) {
   store.tool = store.tool && tool && store.tool.key === tool.key ? null : tool;
+  if (store.tool) document.getElementById("screen").scrollIntoView({ block: "nearest" }); // on a tablet it may lie above
   emit("tool");
 }

@@ -1,6 +1,7 @@
-// Step 2: the tracker as it runs, one pair of the grain film, the bed's surface.
-import { attempt, changed, emit, get, latest, on, placed, post, store } from "./store.js";
+// Step 2: the tracker as it runs, the flow, the bed's surface.
+import { attempt, changed, emit, get, latest, on, placed, post, store, value } from "./store.js";
 import { button, element, row, valueChoice, valueNumber } from "./fields.js";
+import { match, panel } from "./flow.js";
 import { player, seek } from "./player.js";
 
 const box = document.getElementById("step-find"), POLL = 150; // ms
@@ -17,25 +18,15 @@ const rod = element("div", {}, seen,
   slider("params.track", "search", "Search window [diameters]", { min: 0.6, max: 10, step: 0.1 }, 1.5),
   element("div", { className: "buttons" }, begin, stop), bar, row("The film follows the tracker", follow), said);
 
-const counts = element("p", {}), rejected = element("input", { type: "checkbox", checked: true });
-rejected.addEventListener("change", () => { store.rejected = rejected.checked; emit("pair"); });
-const live = element("input", { type: "checkbox", checked: true });
-const grain = element("div", {},
-  slider("params.piv", "window", "Window [px]", { min: 8, max: 96, step: 4, whole: true }, 24),
-  slider("params.piv", "step", "Step [px]", { min: 4, max: 64, step: 2, whole: true }, 8),
-  slider("params.piv", "min_correlation", "Least correlation", { min: 0, max: 0.95, step: 0.05 }, 0.3),
-  slider("params.piv", "outlier", "Median test: largest residual", { min: 0.5, max: 10, step: 0.5 }, 2),
-  row("Match again at every change", live), row("Show rejected vectors", rejected),
-  element("div", { className: "buttons" }, button("Match this pair", () => match(), "main")), counts);
-const surface = element("p", {});
-const bed = element("div", {}, element("div", { className: "buttons" }, button("Find the surface", () => level(), "main")), surface);
+const surface = element("p", { id: "surface", data: { "aria-live": "polite" } }), packing = element("p", { id: "packing" });
+const level = valueNumber("params.bed", "threshold", "Grains are darker than [grey levels]", { min: 0, max: 255, step: 1, usual: 128 });
+const bed = element("div", {}, valueChoice("params.bed", "method", "Surface by", [["edge", "edges"], ["threshold", "a threshold"]], "edge"), level.made, element("div", { className: "buttons" }, button("Find the surface", () => find(), "main")), surface, packing);
 const none = element("p", { className: "note", textContent: "Nothing is searched in this picture here; `jumpvision run` does it." });
-const sections = { rod_video: rod, grain_video: grain, bed_image: bed, crater_image: none };
+const sections = { rod_video: rod, grain_video: panel, bed_image: bed, crater_image: none };
 box.append(element("h2", { textContent: "What is found" }), ...Object.values(sections));
 
 function slider(section, key, words, limits, usual) {
-  const { made, input } = valueNumber(section, key, words, { ...limits, usual });
-  if (section === "params.piv") input.addEventListener("input", () => { if (live.checked && store.pair) match(); });
+  const { made } = valueNumber(section, key, words, { ...limits, usual });
   return made;
 }
 
@@ -53,6 +44,13 @@ export async function track() {
   if (await attempt(() => post("api/track", { draft: store.draft })) === undefined) return;
   store.track = { rows: [], running: true, finished: false };
   emit("track");
+  watch();
+}
+
+export async function resume() { // a track that the server has, of before a reload
+  const now = await get("api/track?since=0");
+  if (!now.rows.length && !now.running) return;
+  store.track = { rows: [], running: true, finished: false };
   watch();
 }
 
@@ -87,29 +85,22 @@ on("state track", () => {
   said.className = problem ? "bad" : "note";
 });
 
-const match = latest(() => attempt(async () => {
-  counts.textContent = "matching ...";
-  const n = store.state.films.find((f) => f.section === "grain_video").time.length, gap = store.table.params?.piv?.gap ?? 1;
-  try {
-    store.pair = await post("api/pair", { draft: store.draft, frame: Math.min(store.frame, n - 1 - gap) });
-  } catch (e) { counts.textContent = ""; throw e; }
-  const { x, measured, reason, reasons, frame } = store.pair, why = {};
-  for (const r of reason) if (reasons[r]) why[reasons[r]] = (why[reasons[r]] ?? 0) + 1;
-  counts.textContent = `Frames ${frame} and ${frame + gap}: ${measured} of ${x.length} vectors measured. ${Object.entries(why).map(([k, v]) => `${v}: ${k}`).join(". ")}`;
-  if (frame !== store.frame) seek(frame);
-  emit("pair");
-}));
-
-const level = latest(() => attempt(async () => {
+const find = latest(() => attempt(async () => {
   store.bed = await post("api/bed", { draft: store.draft, frame: store.frame });
   const n = store.bed.row.length;
+  const { levels, threshold, height, phi, lacks } = store.bed, short = ([v, s], k, unit) => { const digits = s > 0 ? Math.max(0, 1 - Math.floor(Math.log10(k * s))) : 3; return `${(k * v).toFixed(digits)} ± ${(k * s).toFixed(digits)}${unit}`; };
+  Object.assign(level.input, { min: Math.floor(levels[0]), max: Math.ceil(levels[1]) });
+  if (value("params.bed", "threshold") == null) level.input.dataset.usual = level.input.value = level.made.querySelector("output").textContent = Math.round(threshold);
+  packing.textContent = [height && `Height ${short(height, 1e3, " mm")}.`, phi && `Volume fraction phi = ${short(phi, 1, "")}.`, lacks].filter(Boolean).join(" ");
   surface.textContent = `Surface in ${n - store.bed.lost} of ${n} columns. ${store.bed.why}`;
   emit("bed");
 }));
 on("frame", () => { store.bed = null; });
+on("section preview", () => { level.made.hidden = value("params.bed", "method") !== "threshold"; });
+on("preview", () => { if (store.bed && store.section === "bed_image") find(); }); // drawn anew as the slider moves
 
 export function act() { // the button of this section
-  ({ rod_video: track, grain_video: match, bed_image: level })[store.section]?.();
+  ({ rod_video: track, grain_video: match, bed_image: find })[store.section]?.();
 }
 
 export function problem(direction) { // the next frame that is lost, or corrected

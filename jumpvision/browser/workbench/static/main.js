@@ -1,16 +1,22 @@
 // The page: header, transport, steps, keys. What is clicked in the steps stands in scale.js, find.js and check.js.
-import { attempt, changed, emit, film, load, on, post, start, store, times } from "./store.js";
+import { attempt, changed, emit, film, load, on, post, start, store, times, value } from "./store.js";
 import { watchRun } from "./check.js";
 import { button, element, take } from "./fields.js";
-import { act, problem } from "./find.js";
+import { act, problem, resume } from "./find.js";
+import { begin as beginHistory, redo, undo } from "./history.js";
+import { begin as beginKeeping, kept, pause } from "./keep.js";
 import { play, player, seek, speeds } from "./player.js";
+import "./plot.js";
+import "./flow_plot.js";
+import { onOpen } from "./glance.js";
+import { look as lookBack, onJump } from "./report.js";
 import { look } from "./scale.js";
 import "./timeline.js";
 import { fit, zoom } from "./view.js";
 
 const $ = (id) => document.getElementById(id);
-const STEPS = ["scale", "find", "check", "run"];
-const WORDS = { rod_video: "Rod", grain_video: "Grains", bed_image: "Bed", crater_image: "Crater" };
+const STEPS = ["scale", "find", "check", "plot", "run"];
+const WORDS = { rod_video: "Rod", grain_video: "Flow", bed_image: "Bed", crater_image: "Crater" };
 
 export function step(name) {
   store.step = name;
@@ -22,21 +28,24 @@ export function step(name) {
     $(`step-${s}`).hidden = !on;
   }
   $("next").hidden = name !== "scale" || store.section === "crater_image";
+  document.body.classList.toggle("wide", name === "plot");
+  emit("step");
   if (name === "run") changed();
 }
 
 function choose(section) {
   if (player.playing) play(false);
-  Object.assign(store, { section, frame: 0, tool: null, pair: null, bed: null });
+  Object.assign(store, { section, frame: 0, tool: null, bed: null });
   emit("section");
   seek(0);
 }
 
-STEPS.forEach((s, i) => {
+STEPS.forEach((s) => {
   $(`tab-${s}`).addEventListener("click", () => step(s));
   $(`tab-${s}`).addEventListener("keydown", (e) => {
     const by = { ArrowRight: 1, ArrowLeft: -1 }[e.key];
-    if (by) { e.stopPropagation(); const next = STEPS[(i + by + 4) % 4]; step(next); $(`tab-${next}`).focus(); }
+    const there = STEPS.filter((t) => !$(`tab-${t}`).hidden);
+    if (by) { e.stopPropagation(); const next = there.at((there.indexOf(s) + by) % there.length); step(next); $(`tab-${next}`).focus(); }
   });
 });
 
@@ -52,16 +61,33 @@ on("state", () => {
   }));
   const none = !films.length; // logs and tracks alone: there is only to run
   document.body.classList.toggle("nofilm", none);
-  for (const s of STEPS.slice(0, 3)) $(`tab-${s}`).hidden = none;
+  for (const s of STEPS.slice(0, -1)) $(`tab-${s}`).hidden = none;
   $("facts").textContent = "";
   if (!none) choose(store.section);
   step(none ? "run" : "scale");
   if (none) $("hint").textContent = `${name} has no film or picture. Its logs and tracks need no clicks: run it, or choose another experiment.`;
 });
+// What was done before a reload is there again: draft, film, frame, step; and the track, which the server has.
+on("fresh", pause);
+on("begun", () => {
+  const was = film() && kept();
+  if (was) {
+    store.draft = was.draft;
+    Object.assign(store.plot, was.plot);
+    if (was.section !== store.section && store.state.films.some((f) => f.section === was.section)) choose(was.section);
+    emit("undone");
+    changed();
+    if (STEPS.includes(was.step)) step(was.step);
+    seek(was.frame ?? 0);
+  }
+  beginHistory();
+  beginKeeping();
+  lookBack().then(() => film() && attempt(resume));
+});
 on("section", () => {
   const f = film(), { all, usual } = speeds();
+  document.body.dataset.section = store.section;
   for (const b of $("films").children) b.setAttribute("aria-pressed", String(b.dataset.section === store.section));
-  $("facts").textContent = [f.file, f.facts, ...(f.timed ? [] : ["no clock in the file: give the frame rate"])].filter(Boolean).join(" · ");
   $("facts").title = [...f.notes, ...store.state.notes].join("\n");
   Object.assign($("scrub"), { max: f.time.length - 1, value: 0 });
   $("speed").replaceChildren(...all.map((s) => element("option", { value: s, textContent: s === 1 ? "1" : `1/${Math.round(1 / s)}`, selected: s === usual })));
@@ -72,6 +98,8 @@ on("section", () => {
 on("frame section preview", () => {
   const f = film();
   if (!f) return;
+  const clock = f.timed || f.time.length < 2 || value(f.section, "frame_rate") ? [] : ["no clock in the file: give the frame rate"];
+  $("facts").textContent = [f.file, f.facts, ...clock].filter(Boolean).join(" · ");
   $("scrub").value = store.frame;
   $("clock").textContent = `${(1e3 * times()[store.frame]).toFixed(3)} ms · ${store.frame} / ${f.time.length - 1}`;
   const t = $("timeline");
@@ -96,10 +124,12 @@ $("zoom-in").addEventListener("click", () => zoom(1.5));
 $("zoom-out").addEventListener("click", () => zoom(1 / 1.5));
 $("zoom-fit").addEventListener("click", fit);
 $("act").addEventListener("click", () => { step("find"); act(); });
-$("experiment").addEventListener("change", async () => {
-  const state = await attempt(() => post("api/open", { experiment: $("experiment").value }));
+async function open(experiment) {
+  const state = await attempt(() => post("api/open", { experiment }));
   if (state) load(state);
-});
+}
+onOpen(open);
+$("experiment").addEventListener("change", () => open($("experiment").value));
 
 const KEYS = [
   [[" "], "Play and pause", () => play()],
@@ -107,10 +137,10 @@ const KEYS = [
   [["ArrowRight"], "On one frame; with Shift ten", (e) => seek(store.frame + (e.shiftKey ? 10 : 1))],
   [["Home"], "First frame", () => seek(0)],
   [["End"], "Last frame", () => seek(Infinity)],
-  [["1", "2", "3", "4"], "Scale, Find, Check, Run", (e) => step(STEPS[Number(e.key) - 1])],
+  [["1", "2", "3", "4", "5"], "Scale, Find, Check, Plot, Run", (e) => { const s = STEPS[Number(e.key) - 1]; if (!$(`tab-${s}`).hidden) step(s); }],
   [["b"], "Click the ball", () => { step("scale"); take({ key: "ball", numbers: 2, hint: "Click the ball" }); }],
-  [["m"], "Click two marks", () => { step("scale"); take({ key: "marks", numbers: 4, hint: "Click the one mark, then the other" }); }],
-  [["t"], "Track, match or find the surface", () => { step("find"); act(); }],
+  [["m"], "Draw the ruler", () => { step("scale"); take({ key: "marks", numbers: 4, drag: true, hint: "Drag from one end of a known length to the other, or click both ends" }); }],
+  [["t"], "Track, match, or find the surface", () => { step("find"); act(); }],
   [["s"], "Stop the tracker", () => attempt(() => post("api/track/stop"))],
   [["["], "Previous lost frame", () => problem(-1)],
   [["]"], "Next lost frame", () => problem(1)],
@@ -118,26 +148,31 @@ const KEYS = [
   [["+", "="], "Magnify", () => zoom(1.5)],
   [["-"], "Make smaller", () => zoom(1 / 1.5)],
   [["0"], "Whole picture", fit],
+  [["Ctrl+Z"], "Undo; with Shift redo", () => {}],
   [["Escape", "Enter"], "End what is being clicked", () => take(null)],
   [["?"], "This list", () => $("help").showModal()],
 ];
+const OF_A_BALL = ["b", "s", "[", "]", "c"];
 const NAMES = { " ": "Space", ArrowLeft: "←", ArrowRight: "→" };
 $("keys").append(...KEYS.flatMap(([keys, words]) => [
-  element("dt", {}, ...keys.map((k) => element("kbd", { textContent: NAMES[k] ?? k }))), element("dd", { textContent: words })]));
+  element("dt", { className: OF_A_BALL.includes(keys[0]) ? "ball-only" : "" }, ...keys.map((k) => element("kbd", { textContent: NAMES[k] ?? k }))), element("dd", { className: OF_A_BALL.includes(keys[0]) ? "ball-only" : "", textContent: words })]));
 $("help-open").addEventListener("click", () => $("help").showModal());
 addEventListener("keydown", (e) => {
-  if (e.ctrlKey || e.metaKey || e.altKey || $("help").open) return;
+  const typed = e.target.matches("input:not([type=range]):not([type=checkbox])");
+  if ((e.ctrlKey || e.metaKey) && !e.altKey && e.key.toLowerCase() === "z" && !typed) { e.preventDefault(); if (e.shiftKey) redo(); else undo(); return; }
+  if (e.ctrlKey || e.metaKey || e.altKey || document.querySelector("dialog[open]")) return;
   const at = e.target, typing = at.matches("input:not([type=range]):not([type=checkbox]), select, textarea");
   if (e.key === "Escape" && typing) { at.blur(); return; }
   const slides = at.matches("input[type=range]") && /^(Arrow|Home|End)/.test(e.key);
   const presses = at.matches("button, input[type=checkbox], summary") && (e.key === " " || e.key === "Enter");
   if (typing || slides || presses) return;
   const found = KEYS.find(([keys]) => keys.includes(e.key));
-  if (!found || !film()) return;
+  if (!found || !film() || (OF_A_BALL.includes(found[0][0]) && store.section !== "rod_video")) return;
   e.preventDefault();
   found[2](e);
 });
 
+onJump(choose);
 await attempt(start);
 watchRun();
 window.workbench.ready = true;

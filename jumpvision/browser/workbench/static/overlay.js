@@ -1,4 +1,6 @@
 // What is drawn over the film: marks, the ball and its path, vectors, the bed's surface.
+import { flowOver } from "./flow_drawing.js";
+import { arm, axes } from "./handles.js";
 import { picks, placed, store, value } from "./store.js";
 
 const BLUE = "#56b4e9", ORANGE = "#e69f00", RED = "#ff6b4a", GREEN = "#35d0a0", DARK = "rgb(0 0 0 / .65)";
@@ -12,9 +14,9 @@ export function overlay(pen, view) {
   };
   const cross = ([x, y], s = 9) => { pen.moveTo(x - s, y); pen.lineTo(x + s, y); pen.moveTo(x, y - s); pen.lineTo(x, y + s); };
   const circle = ([x, y], r) => { pen.moveTo(x + r, y); pen.arc(x, y, r, 0, 7); };
+  if (store.section === "grain_video") flowOver(pen, view);
   marks(on, cross, view);
   if (store.section === "rod_video") ball(on, cross, circle, view);
-  if (store.section === "grain_video" && store.pair) vectors(pen, view);
   if (store.section === "bed_image" && store.bed) {
     on(GREEN, 1.5, () => store.bed.row.forEach((r, c) => {
       if (r === null) return;
@@ -32,6 +34,29 @@ export function overlay(pen, view) {
         if (v.length === 4) { pen.moveTo(...toScreen(v[0], v[1])); pen.lineTo(...toScreen(v[2], v[3])); }
       });
     }
+    if (p.marks?.length === 4 && p.distance) {
+      const [x, y] = toScreen((p.marks[0] + p.marks[2]) / 2, (p.marks[1] + p.marks[3]) / 2);
+      pen.font = "13px system-ui, sans-serif";
+      for (const [colour, width] of [[DARK, 4], [null, 0]]) {
+        pen.strokeStyle = colour; pen.lineWidth = width; pen.fillStyle = "#fff";
+        if (colour) pen.strokeText(`${p.distance} mm`, x + 8, y - 8); else pen.fillText(`${p.distance} mm`, x + 8, y - 8);
+      }
+    }
+    const a = axes();
+    if (a) {
+      const o = toScreen(...a.o), y = arm(a.angle, o), x = arm(a.angle - Math.PI / 2, o);
+      on(BLUE, 2, () => { for (const end of [x, y]) { pen.moveTo(...o); pen.lineTo(...end); } pen.moveTo(o[0] + 4, o[1]); pen.arc(o[0], o[1], 4, 0, 7); pen.moveTo(y[0] + 5, y[1]); pen.arc(y[0], y[1], 5, 0, 7); });
+      pen.fillStyle = "#fff";
+      pen.font = "bold 13px system-ui, sans-serif";
+      for (const [word, [u, v]] of [["x", arm(a.angle - Math.PI / 2, o, 76)], ["y", arm(a.angle, o, 76)]]) pen.fillText(word, u - 4, v + 4);
+    }
+    const also = store.section === "rod_video" && store.frame === 0 ? store.draft.values["params.track"]?.markers ?? value("params.track", "markers") ?? [] : [];
+    also.forEach(([c, r], k) => {
+      const [x, y] = toScreen(c, r);
+      on(ORANGE, 1.5, () => cross([x, y]));
+      pen.fillStyle = "#fff";
+      pen.fillText(String(k + 2), x + 8, y - 8);
+    });
     if (p.ball) on(ORANGE, 1.5, () => cross(toScreen(...p.ball)));
     const foot = p.foot ?? [value("grain_video", "axis_column"), value("grain_video", "foot_row")];
     if (store.section === "grain_video" && foot[0] != null && foot[1] != null) {
@@ -67,6 +92,18 @@ export function overlay(pen, view) {
         open = q !== null;
       }
     });
+    const model = store.step === "plot" ? store.fit : null;
+    if (model?.column) { // the fitted curve, and where it puts the ball in this frame
+      on(ORANGE, 1.5, () => {
+        let open = false;
+        model.column.forEach((c, i) => {
+          if (c === null) { open = false; return; }
+          if (open) pen.lineTo(...toScreen(c, model.row[i])); else pen.moveTo(...toScreen(c, model.row[i]));
+          open = true;
+        });
+        if (model.column[store.frame] != null) cross(toScreen(model.column[store.frame], model.row[store.frame]), 12);
+      });
+    }
     const hand = store.draft.corrections[store.frame];
     const d = store.ball?.diameter ?? 21;
     if (now) {
@@ -79,26 +116,3 @@ export function overlay(pen, view) {
   }
 }
 
-function vectors(pen, { toScreen, k }) {
-  const { x, y, u, v, reason, reasons, frame } = store.pair;
-  if (frame !== store.frame) return;
-  const longest = Math.max(1e-6, ...u.map((a, i) => (reasons[reason[i]] === "" ? Math.hypot(a, v[i]) : 0)));
-  const step = x.length > 1 ? Math.abs(x[1] - x[0]) : 8, scale = 1.6 * step / longest;
-  for (const good of [true, false]) {
-    if (!good && !store.rejected) continue;
-    pen.strokeStyle = good ? GREEN : RED;
-    pen.lineWidth = 1.4;
-    pen.beginPath();
-    for (let i = 0; i < x.length; i++) {
-      if ((reasons[reason[i]] === "") !== good) continue;
-      const a = toScreen(x[i], y[i]);
-      if (u[i] === null) { pen.moveTo(a[0] - 2, a[1] - 2); pen.lineTo(a[0] + 2, a[1] + 2); pen.moveTo(a[0] + 2, a[1] - 2); pen.lineTo(a[0] - 2, a[1] + 2); continue; }
-      const b = toScreen(x[i] + u[i] * scale, y[i] + v[i] * scale), angle = Math.atan2(b[1] - a[1], b[0] - a[0]);
-      const head = Math.min(5, 0.4 * Math.hypot(b[0] - a[0], b[1] - a[1]));
-      pen.moveTo(...a); pen.lineTo(...b);
-      pen.lineTo(b[0] - head * Math.cos(angle - 0.5), b[1] - head * Math.sin(angle - 0.5));
-      pen.moveTo(...b); pen.lineTo(b[0] - head * Math.cos(angle + 0.5), b[1] - head * Math.sin(angle + 0.5));
-    }
-    pen.stroke();
-  }
-}

@@ -1,13 +1,14 @@
 // Step 1: what is known of the film, clicked or typed. And what a click on the film means.
-import { attempt, changed, emit, film, load, on, picks, post, setPick, store } from "./store.js";
+import { attempt, changed, emit, film, load, on, picks, post, setPick, setValue, store, value } from "./store.js";
 import { button, element, pickNumber, place, take, valueChoice, valueNumber } from "./fields.js";
-import { onPick } from "./view.js";
+import { axes } from "./handles.js";
+import { onDraw, onPick } from "./view.js";
 
 const box = document.getElementById("step-scale");
 const FIRST = "rod_video grain_video".split(" "); // sections whose places are those of the first frame
 
 const marks = () => [
-  place("marks", "Two marks", 4, "Click the one mark, then the other"),
+  place("marks", "Ruler", 4, "Drag from one end of a known length to the other, or click both ends", true),
   pickNumber("distance", "Their distance [mm]"),
 ];
 const rate = (section) => {
@@ -19,26 +20,26 @@ const parts = {
     element("h3", { textContent: "The ball" }),
     place("ball", "Ball", 2, "Click the ball, or whatever is to be followed"),
     pickNumber("ball_diameter", "Its diameter [mm]"),
-    element("p", { className: "note", textContent: "The diameter gives the scale to 1 %; two marks are better." }),
+    element("p", { className: "note", textContent: "The diameter gives the scale to 1 %; a ruler is better." }),
+    bodies(),
     element("h3", { textContent: "A known length" }), ...marks(),
-    element("h3", { textContent: "Rail and clock" }),
-    place("rail", "Along the rail", 4, "Click two points along the rail"),
+    element("h3", { textContent: "Origin and axes" }), cross(),
+    place("rail", "Along the rail", 4, "Drag along the rail, or click two points of it", true),
     valueChoice("rod_video", "up", "Up in the picture", [["-y", "up"], ["+y", "down"], ["-x", "left"], ["+x", "right"]], "-y"),
     rate("rod_video"),
   ],
   grain_video: [
-    element("h3", { textContent: "Origin and axes" }),
-    place("foot", "Foot, on its axis", 2, "Click the foot's lower face on its axis: the origin, x right, y up"),
     element("h3", { textContent: "A known length" }), ...marks(),
     element("h3", { textContent: "What is matched" }),
-    place("roi", "Part to match", 4, "Click two corners of the part to match"),
+    place("roi", "Part to match", 4, "Drag over the part to match, or click two corners", true),
     polygons(), rate("grain_video"),
+    foot(),
   ],
   bed_image: [place("floor", "Floor of the bed", 1, "Click the floor of the bed"), element("h3", { textContent: "A known length" }), ...marks()],
   crater_image: [element("h3", { textContent: "A known length" }), ...marks()],
 };
 const roles = element("div", { className: "row" }, element("span", { id: "shows", textContent: "This film shows" }),
-  element("div", { className: "choice", data: { role: "group", "aria-labelledby": "shows" } }, ...[["rod_video", "a ball"], ["grain_video", "grains"]].map(([role, words]) => {
+  element("div", { className: "choice", data: { role: "group", "aria-labelledby": "shows" } }, ...[["rod_video", "a ball"], ["grain_video", "grains or a flow"]].map(([role, words]) => {
     const b = button(words, async () => {
       if (role === store.section) return;
       const state = await attempt(() => post("api/role", { section: store.section, role }));
@@ -50,6 +51,51 @@ const roles = element("div", { className: "row" }, element("span", { id: "shows"
 const made = Object.fromEntries(Object.entries(parts).map(([s, children]) => [s, element("div", {}, ...children)]));
 const facts = element("p", { className: "note", id: "scale-now" });
 box.append(element("h2", { textContent: "What is known of the film" }), roles, facts, ...Object.values(made));
+
+const others = () => store.draft.values["params.track"]?.markers ?? value("params.track", "markers") ?? [];
+function bodies() { // further balls, each followed by itself
+  const said = element("span", { className: "note" });
+  const add = button("Add", () => take({ key: "markers", numbers: 2, hint: "Click another ball, in the first frame" }));
+  add.dataset.tool = "markers";
+  const drop = button("Remove last", () => setValue("params.track", "markers", others().slice(0, -1)));
+  const out = element("div", { className: "tool" }, element("div", { className: "row" }, element("span", { className: "label", textContent: "Further balls" }), said, add, drop));
+  on("state section draft preview tool", () => {
+    said.textContent = others().length ? String(others().length) : "none";
+    drop.hidden = !others().length;
+    add.setAttribute("aria-label", "Add a further ball: click it on the film");
+    out.classList.toggle("active", store.tool?.key === "markers");
+  });
+  return out;
+}
+
+function cross() { // the axes of the ball: a cross that is dragged by its middle and turned by its arm
+  const said = element("p", { className: "note" });
+  const set = button("Place", () => {
+    if (axes()) { store.table.rod_video.origin = undefined; setValue("rod_video", "origin", null); return; }
+    take({ key: "origin", numbers: 2, hint: "Click where x = 0 and y = 0" });
+  });
+  set.dataset.tool = "origin";
+  const out = element("div", { className: "tool" }, element("div", { className: "row" }, element("span", { className: "label", textContent: "Cross" }), set), said);
+  on("state section draft preview tool", () => {
+    const a = axes(), round = (v) => Math.round(v * 10) / 10;
+    out.classList.toggle("active", store.tool?.key === "origin");
+    set.textContent = a ? "Take away" : "Place";
+    set.hidden = Boolean(a) && store.draft.values.rod_video?.origin == null; // it stands in the file
+    set.setAttribute("aria-label", a ? "Take the cross away" : "Place the cross: click the origin on the film");
+    const tilt = value("calibration", "tilt") ?? 0;
+    said.textContent = a ? `Origin at column ${round(a.o[0])}, row ${round(a.o[1])}; turned by ${(tilt * 180 / Math.PI).toFixed(1)}°. Drag the middle to move it, the end of y to turn it.`
+      : "None: x and y count from the film's upper left corner.";
+  });
+  return out;
+}
+
+// A foot that goes through the grains is the origin, and is followed and left out: only where there is one.
+function foot() {
+  const made = element("details", {}, element("summary", { textContent: "A foot goes through the grains" }),
+    place("foot", "Foot, on its axis", 2, "Click the foot's lower face on its axis: the origin, x right, y up"));
+  on("state", () => { made.open = store.table.grain_video?.foot_row != null || store.state.films.some((f) => f.section === "rod_video"); });
+  return made;
+}
 
 function polygons() {
   const said = element("span", { className: "note" });
@@ -74,14 +120,17 @@ on("state section preview", () => {
   for (const b of roles.querySelectorAll("button")) b.setAttribute("aria-pressed", String(b.dataset.role === store.section));
   const scale = store.table[store.section]?.scale, sigma = store.table[store.section]?.scale_sigma;
   facts.textContent = scale ? `Scale: ${Number((1e3 * scale).toPrecision(4))} mm per pixel${sigma ? ` ± ${(100 * sigma / scale).toPrecision(2)} %` : ""}`
-    : "No scale yet: a track stays in pixels until two marks or the ball's diameter are given.";
+    : store.section === "rod_video" ? "No scale yet: a track stays in pixels until a ruler or the ball's diameter is given."
+      : "No scale yet: all stays in pixels until two marks and their distance are given.";
 });
 
 // A click goes to the tool that is armed; without one, on the rod film, it is the ball.
 onPick((c, r) => {
   const tool = store.tool;
+  if (tool?.key === "markers") { take(null); setValue("params.track", "markers", [...others(), [c, r]]); return; }
+  if (tool?.key === "origin") { take(null); setValue("rod_video", "origin", [c, r]); return; }
   if (tool?.key === "correct") { store.draft.corrections[store.frame] = [c, r]; changed(); emit("track"); return; }
-  if (!tool) { if (store.section === "rod_video" && store.step !== "check") ballAt(c, r); return; }
+  if (!tool) { if (store.section === "rod_video" && ["scale", "find"].includes(store.step)) ballAt(c, r); return; }
   if (tool.key === "leave_out") {
     const all = (picks().leave_out ??= []);
     if (tool.open) all.at(-1).push(c, r); else all.push([c, r]);
@@ -89,13 +138,30 @@ onPick((c, r) => {
     emit("draft");
     return;
   }
+  if (tool.put) { // brings its own place for what is drawn, by two clicks too
+    tool.ends = [...(tool.ends ?? []), c, r];
+    if (tool.ends.length === tool.numbers) { take(null); tool.put(tool.ends, true); }
+    return;
+  }
   if (tool.key === "ball") { ballAt(c, r); take(null); return; }
   const v = picks()[tool.key], old = Array.isArray(v) && v.length < tool.numbers ? v : [];
   const next = tool.numbers === 1 ? r : [...old, c, r];
-  if (tool.numbers > 1 && next.length < tool.numbers) { picks()[tool.key] = next; emit("draft"); return; }
+  if (tool.numbers > 1 && next.length < tool.numbers) { setPick(tool.key, next); return; }
   take(null);
+  if (tool.key === "rail") delete store.draft.values.calibration?.tilt; // two words for one angle: the later one counts
   setPick(tool.key, next);
 });
+onDraw((a, b, done) => { // a ruler, a rail or a part, from one end to the other
+  const { key, put } = store.tool;
+  if (put) { if (done) take(null); put([...a, ...b], done); return; }
+  picks()[key] = [...a, ...b];
+  if (!done) { emit("draft"); return; }
+  take(null);
+  if (key === "rail") delete store.draft.values.calibration?.tilt;
+  changed();
+  if (key === "marks" && picks().distance == null) length().focus(); // what comes next is its length
+});
+const length = () => made[store.section].querySelector("input[data-pick=distance]");
 
 on("tool", () => { // a polygon that is ended is asked for; one of less than three corners is none
   const p = picks();
@@ -103,6 +169,8 @@ on("tool", () => { // a polygon that is ended is asked for; one of less than thr
   const whole = p.leave_out.filter((q) => q.length >= 6);
   if (whole.length !== p.leave_out.length || p.leave_out.open !== whole.length) { p.leave_out = whole; whole.open = whole.length; changed(); }
 });
+
+on("reseed undone", () => look(store.draft.picks.rod_video?.ball));
 
 function ballAt(c, r) {
   picks("rod_video").ball = [c, r];

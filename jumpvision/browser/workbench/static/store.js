@@ -52,11 +52,12 @@ export const store = {
   table: {},          // tables of the experiment.toml that the draft makes
   preview: null,      // its text, difference and what it was made from
   section: "", frame: 0, step: "scale",
-  tool: null,         // {key, numbers}: what a click on the film sets
+  tool: null,         // {key, numbers, drag}: what a click, or a drag, on the film sets
   draft: { picks: {}, values: {}, corrections: {} },
   ball: null,         // found in the frame that the track begins with
   track: { rows: [], running: false },
-  pair: null, bed: null, logs: [], rejected: true,
+  bed: null, logs: [], rejected: true,
+  plot: { x: "time", y: "y", curve: "", part: null }, columns: null, fit: null,
 };
 
 export const film = () => store.state?.films.find((f) => f.section === store.section);
@@ -97,16 +98,19 @@ const ask = latest(() => attempt(async () => {
   Object.assign(store, { preview: made, table: made.table });
   emit("preview");
 }));
-export function changed() { emit("draft"); ask(); }
+export function changed() { emit("draft"); emit("changed"); ask(); }
 
 export function setPick(key, v) { picks()[key] = v; changed(); }
 export function setValue(section, key, v) { (store.draft.values[section] ??= {})[key] = v; changed(); }
 
 export async function load(state, section = "") {
-  Object.assign(store, { state, table: state.given, frame: 0, tool: null, ball: null, pair: null, bed: null, preview: null,
+  Object.assign(store, { state, table: state.given, frame: 0, tool: null, ball: null, bed: null, preview: null,
     track: { rows: [], running: false }, draft: { picks: {}, values: {}, corrections: { ...state.corrections } } });
   store.section = section || (state.films[0]?.section ?? "");
+  Object.assign(store, { columns: null, fit: null, plot: { x: "time", y: "y", curve: "", part: null } });
+  emit("fresh");
   emit("state");
+  emit("begun");
   ask();
   await attempt(async () => { store.logs = await post("api/logs", { draft: store.draft }); emit("logs"); });
 }

@@ -1,5 +1,6 @@
 // Under the film, on its clock: the height of the ball in the picture, lost frames, the logs. Drag to move the time, drag a
 // log to move it against the film.
+import { upward } from "./handles.js";
 import { film, mine, on, placed, store, times, value } from "./store.js";
 import { frameAt, seek } from "./player.js";
 import { shiftLog } from "./check.js";
@@ -16,8 +17,9 @@ function span() { // of the film, with a tenth of it on either side for the logs
   return [a - pad, (b > a ? b : a + 1) + pad];
 }
 function lanes(height) {
-  const logs = store.logs.filter((l) => l.t.length), n = logs.length + 1, h = (height - TOP - AXIS) / n;
-  return [{ top: TOP, h }, ...logs.map((log, i) => ({ log, top: TOP + (i + 1) * h, h }))];
+  const found = store.logs.filter((l) => l.t.length).map((log) => ({ log })), own = store.state?.films.some((f) => f.section === "rod_video") ? [{}] : [];
+  const all = [...own, ...found], h = (height - TOP - AXIS) / all.length;
+  return all.map((lane, i) => ({ ...lane, top: TOP + i * h, h }));
 }
 
 export function redraw() {
@@ -27,6 +29,7 @@ export function redraw() {
 }
 
 function draw() {
+  canvas.hidden = !lanes(1).length; // a flow alone has nothing to show over time
   const f = film(), { width, height } = canvas.getBoundingClientRect(), dpr = devicePixelRatio || 1;
   if (!f || !width) return;
   canvas.width = Math.round(width * dpr);
@@ -38,7 +41,7 @@ function draw() {
   ticks(a, b, x, height);
   for (const lane of lanes(height)) {
     pen.fillStyle = colour("--soft");
-    pen.fillText(lane.log ? lane.log.column.replace(/_m$/, " [m]") : "ball [px]", 6, lane.top + 14, LEFT - 10);
+    pen.fillText(lane.log ? lane.log.column.replace(/_m$/, " [m]") : millimetres() ? "ball [mm]" : "ball [px]", 6, lane.top + 14, LEFT - 10);
     pen.strokeStyle = colour("--line");
     pen.lineWidth = 1;
     pen.strokeRect(LEFT, lane.top, width - LEFT - RIGHT, lane.h);
@@ -92,22 +95,34 @@ function line(xs, ys, lane, name, sign) {
   return y;
 }
 
+const millimetres = () => 1e3 * (value("rod_video", "scale") ?? 0); // of a pixel; 0 where there is no scale
+
+// The height of a place above the first one, along the rail [mm], or its row or column [px] as long as there is no scale.
+function height() {
+  const per = millimetres(), along = /x/.test(value("rod_video", "up") ?? "-y") ? 0 : 1;
+  if (!per) return (p) => p?.[along] ?? null;
+  const first = store.track.rows.findIndex((_, i) => placed(i)), zero = placed(first), angle = upward();
+  return (p) => (p ? -per * ((p[0] - zero[0]) * Math.sin(angle) + (p[1] - zero[1]) * Math.cos(angle)) : null);
+}
+
 function ball(x, lane) {
   const n = store.track.rows.length;
   if (!n) return;
   const time = times("rod_video");
-  const every = Math.max(1, Math.floor(n / 4000)), along = /x/.test(value("rod_video", "up") ?? "-y") ? 0 : 1;
+  const every = Math.max(1, Math.floor(n / 4000)), sign = millimetres() ? 1 : -1;
+  if (!store.track.rows.some((_, i) => placed(i))) return;
+  const of = height();
   const xs = [], ys = [];
-  for (let i = 0; i < n; i += every) { xs.push(x(time[i])); ys.push(placed(i)?.[along] ?? null); }
+  for (let i = 0; i < n; i += every) { xs.push(x(time[i])); ys.push(of(placed(i))); }
   if (!ys.some((v) => v !== null)) return;
-  labels(lane, ys, -1);
-  const y = line(xs, ys, lane, "--trace", -1);
+  labels(lane, ys, sign);
+  const y = line(xs, ys, lane, "--trace", sign);
   pen.fillStyle = colour("--bad");
   store.track.rows.forEach((r, i) => { if (r[3] && !store.draft.corrections[i]) pen.fillRect(x(time[i]) - 1, lane.top + lane.h - 6, 2, 6); });
   pen.fillStyle = colour("--hand");
   for (const [i, p] of Object.entries(store.draft.corrections)) {
     pen.beginPath();
-    pen.arc(x(time[i]), y(p[along]), 4, 0, 7);
+    pen.arc(x(time[i]), y(of(p)), 4, 0, 7);
     pen.fill();
   }
 }

@@ -124,6 +124,7 @@ def surfaces_of(
                 floor_row=image.floor_row,
                 method=p.method,
                 saturation=None if limit is None else limit**image.gamma,
+                threshold=None if p.threshold is None else p.threshold**image.gamma,
             )
             pixels.append(s)
             surfaces.append(in_metres(s, view, image.floor_row, 0.5 * (columns - 1)))

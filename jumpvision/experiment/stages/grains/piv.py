@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import itertools
+import math
 import multiprocessing
 import warnings
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -55,33 +58,8 @@ def piv(
     if field is not None:
         return foreign_field(field, robot)
     assert film is not None
-    given = film
-    straight, film = open_grains(film, calibration)
-    stride = stride_of(film, p)
-    with straight as frames:
-        if len(frames) <= p.gap:
-            raise ValueError(f"{film.path}: {len(frames)} frame(s); a pair needs {p.gap + 1}")
-        steps = np.diff(frames.time)
-        if p.baseline > p.gap and np.ptp(steps) > 0.02 * np.median(
-            steps
-        ):  # uneven by more than 2 % of the time between frames
-            raise ValueError(f"{film.path}: piv.baseline = {p.baseline} needs evenly timed frames: set it to 1")
-        foot = follow_foot(frames, film, robot, p)
-        usable = both(foot_mask(foot, frames.shape, film, robot), given_mask(given, mask, calibration))
-        light = light_of(frames, stride, p)
-        # chosen once, so that the processes' parts of a film are alike
-        coded, said = coding(frames, frames)
-        if said:
-            warnings.warn(StageWarning("frames", said, film.name), stacklevel=2)
-        first, second = light(frames[0], 0), light(frames[p.gap], p.gap)
-        prefilter, _ = best_prefilter(first, second, mask=usable, gap=p.gap, **matching(p))
-        data = header(frames.time, frames.shape, placed(film), prefilter, stride, p)
-        if foot is not None:
-            add_foot(data, foot, frames.time, film, stride, p)
-        job = Job(given, mask, calibration, robot, foot, light, prefilter, stride, p)
-        begin, end = ends(frames.time, stride, p)
-        fields, scale = matched(frames, job, usable), film.scale
-        return Piv.write(data, (velocities(f, scale, d, coded) for f, d in zip(fields, of_fields(end - begin, p))))
+    with ready(film, robot, calibration, mask, p) as r:
+        return r.whole()
 
 
 def stride_of(film: GrainVideo, p: PivParams) -> int:
@@ -124,6 +102,79 @@ class Job(NamedTuple):
         first, end = part
         last = min(end - self.stride + self.p.gap + 1, len(frames))
         return list(self.fields((frames[i] for i in range(first, last)), first, usable))
+
+    def field(self, frames: Film, usable: Usable | None, k: int) -> VectorField:
+        """Field number k, with what longer baselines take from the frames about it."""
+        p, size = self.p, self.p.ensemble * self.stride
+        before = math.ceil(p.baseline / size) if p.baseline > p.gap else 0  # fields; a baseline reaches half of itself
+        begin = max(0, k - before)
+        last = min((k + 1) * size - self.stride + p.gap + 1 + before * size, len(frames))
+        fields = self.fields((frames[i] for i in range(begin * size, last)), begin * size, usable)
+        return next(itertools.islice(fields, k - begin, None))
+
+
+@dataclass(frozen=True)
+class Ready:
+    """A film that is ready to be matched. film: its section in the pixels of its frames; head: places and times of the
+    field; apart [s]: from frame to frame of each field's pairs; coded [px]: what the codec may add to a displacement.
+    """
+
+    frames: Film
+    film: GrainVideo
+    job: Job
+    usable: Usable | None
+    head: xr.Dataset
+    apart: Array
+    coded: float
+
+    def whole(self) -> Piv:
+        """All fields of the film."""
+        return Piv.write(self.head, self.planes(matched(self.frames, self.job, self.usable)))
+
+    def planes(self, fields: Iterable[VectorField], first: int = 0) -> Iterator[xr.Dataset]:
+        """Pixel fields, from number `first` on, as velocities over (y, x)."""
+        return (velocities(f, self.film.scale, d, self.coded) for f, d in zip(fields, self.apart[first:]))
+
+    def alone(self, k: int) -> Piv:
+        """Field number k of the film, as it is among all others."""
+        plane = next(self.planes([self.job.field(self.frames, self.usable, k)], k))
+        return Piv(self.head.isel(t=[k]).assign(plane.expand_dims("t", axis=-1)))
+
+
+@contextlib.contextmanager
+def ready(
+    given: GrainVideo,
+    robot: Robot | None,
+    calibration: Calibration | None,
+    mask: GrainMask | None,
+    p: PivParams,
+) -> Iterator[Ready]:
+    """The film of a section, opened, with what its pairs have in common: foot, masks, light and prefilter."""
+    straight, film = open_grains(given, calibration)
+    stride = stride_of(film, p)
+    with straight as frames:
+        if len(frames) <= p.gap:
+            raise ValueError(f"{film.path}: {len(frames)} frame(s); a pair needs {p.gap + 1}")
+        steps = np.diff(frames.time)
+        if p.baseline > p.gap and np.ptp(steps) > 0.02 * np.median(
+            steps
+        ):  # uneven by more than 2 % of the time between frames
+            raise ValueError(f"{film.path}: piv.baseline = {p.baseline} needs evenly timed frames: set it to 1")
+        foot = follow_foot(frames, film, robot, p)
+        usable = both(foot_mask(foot, frames.shape, film, robot), given_mask(given, mask, calibration))
+        light = light_of(frames, stride, p)
+        # chosen once, so that the processes' parts of a film are alike
+        coded, said = coding(frames, frames)
+        if said:
+            warnings.warn(StageWarning("frames", said, film.name), stacklevel=4)
+        first, second = light(frames[0], 0), light(frames[p.gap], p.gap)
+        prefilter, _ = best_prefilter(first, second, mask=usable, gap=p.gap, **matching(p))
+        head = header(frames.time, frames.shape, placed(film), prefilter, stride, p)
+        if foot is not None:
+            add_foot(head, foot, frames.time, film, stride, p)
+        job = Job(given, mask, calibration, robot, foot, light, prefilter, stride, p)
+        begin, end = ends(frames.time, stride, p)
+        yield Ready(frames, film, job, usable, head, of_fields(end - begin, p), coded)
 
 
 def matched(frames: Film, job: Job, usable: Usable | None) -> Iterator[VectorField]:
@@ -216,7 +267,8 @@ def follow_foot(frames: Film, film: GrainVideo, robot: Robot | None, p: PivParam
     lost = np.flatnonzero(~np.isfinite(found.row))
     if lost.size:
         said = f"foot lost in {lost.size} of {len(frames)} frames (first {lost[0]})"
-        warnings.warn(StageWarning("frames", said, film.name), stacklevel=2)
+        numbers = {"lost": int(lost.size), "of": len(frames), "frame": int(lost[0])}
+        warnings.warn(StageWarning("frames", said, film.name, numbers), stacklevel=2)
     return found
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pandas as pd
@@ -93,23 +93,33 @@ def profiles(found: Statistics, *, p: ProfilesParams) -> Profiles:
     """
     if not p.lines:
         raise NotApplicable(["profiles: give [params.profiles] lines = [[x1, y1, x2, y2], ...]"])
-    data, parts = found.field, []
-    apart = abs(float(data.x[1] - data.x[0])) if data.sizes["x"] > 1 else 1.0
-    for k, (x1, y1, x2, y2) in enumerate(p.lines):
-        length = math.hypot(x2 - x1, y2 - y1)
-        s = np.linspace(0.0, length, max(2, round(length / apart) + 1))
-        c, n = (x2 - x1) / length, (y2 - y1) / length
-        x, y = (xr.DataArray(a, dims="s") for a in (x1 + c * s, y1 + n * s))
-        at = data.sortby("y").interp(x=x, y=y)
-        if not np.isfinite(at.u.values).any():
-            raise ValueError(
-                f"[params.profiles] lines[{k}] = {[x1, y1, x2, y2]}: nothing was measured on it; the field lies in x "
-                f"{float(data.x.min()):.4g} to {float(data.x.max()):.4g}, y {float(data.y.min()):.4g} to "
-                f"{float(data.y.max()):.4g}"
-            )
-        table = pd.DataFrame({"line": k, "s": s, "x": x.values, "y": y.values})
-        table["along"], table["across"] = c * at.u.values + n * at.v.values, c * at.v.values - n * at.u.values
-        table["along_sigma"] = np.hypot(c * at.u_sigma.values, n * at.v_sigma.values)
-        table["across_sigma"] = np.hypot(c * at.v_sigma.values, n * at.u_sigma.values)
-        parts.append(table.assign(**{str(name): at[name].values for name in at.data_vars}))
+    parts = []
+    for k, line in enumerate(p.lines):
+        try:
+            parts.append(along_line(found.field, line))
+        except ValueError as e:
+            raise ValueError(f"[params.profiles] lines[{k}] = {list(line)}: {e}") from None
+        parts[-1].insert(0, "line", k)
     return Profiles(pd.concat(parts, ignore_index=True))
+
+
+def along_line(data: xr.Dataset, line: Sequence[float]) -> pd.DataFrame:
+    """A field (y, x) along the line x1, y1, x2, y2 in its axes: columns s, x, y, along, across, their sigmas, and all
+    variables, between the vectors by straight lines. Raises ValueError where nothing was measured on it."""
+    x1, y1, x2, y2 = line
+    apart = abs(float(data.x[1] - data.x[0])) if data.sizes["x"] > 1 else 1.0
+    length = math.hypot(x2 - x1, y2 - y1)
+    s = np.linspace(0.0, length, max(2, round(length / apart) + 1))
+    c, n = (x2 - x1) / length, (y2 - y1) / length
+    x, y = (xr.DataArray(a, dims="s") for a in (x1 + c * s, y1 + n * s))
+    at = data.sortby("y").interp(x=x, y=y)
+    if not np.isfinite(at.u.values).any():
+        raise ValueError(
+            f"nothing was measured on it; the field lies in x {float(data.x.min()):.4g} to {float(data.x.max()):.4g}, "
+            f"y {float(data.y.min()):.4g} to {float(data.y.max()):.4g}"
+        )
+    table = pd.DataFrame({"s": s, "x": x.values, "y": y.values})
+    table["along"], table["across"] = c * at.u.values + n * at.v.values, c * at.v.values - n * at.u.values
+    table["along_sigma"] = np.hypot(c * at.u_sigma.values, n * at.v_sigma.values)
+    table["across_sigma"] = np.hypot(c * at.v_sigma.values, n * at.u_sigma.values)
+    return table.assign(**{str(name): at[name].values for name in at.data_vars})
