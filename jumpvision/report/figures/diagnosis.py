@@ -219,11 +219,12 @@ def beyond(cells: Sequence[Cell]) -> list[Cell]:
 
 def _causes(ax: Axes, d: Findings) -> None:
     assert d.naming
-    tried = sorted(d.naming.tried, key=lambda e: e is not d.naming.best)[:BARS]
+    best = d.naming.best
+    tried = sorted(d.naming.tried, key=lambda e: e is not best)[:BARS]
     called = titles(d)
     names = ["\n+ ".join(tick(called.get(m, m)) for m in e.mechanisms) or "baseline" for e in tried]
     score = [max(e.fit.chi2 / sum(r.size for r in e.fit.residuals), 1e-3) for e in tried]
-    colors = [GREEN if e is d.naming.best and d.naming.named else QUIET for e in tried]
+    colors = [GREEN if e is best and d.naming.named else QUIET for e in tried]
     ax.barh(range(len(tried)), score, color=colors)
     ax.axvline(1.0, color="black", lw=0.8, label="noise alone")
     ax.set_yticks(range(len(tried)), names)
