@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 import scipy
@@ -12,15 +13,16 @@ from numpy.typing import ArrayLike, NDArray
 from jumpvision.base.arrays import Array
 
 from .estimate import Estimate, checked, checked_sigma, checked_times, scatter_factor
-from .flight.noise import learned
-from .flight.piece import Piece
 from .mean import difference_noise, weighted_mean
+
+if TYPE_CHECKING:  # the flights are loaded where a height is asked for, not with every track
+    from .flight.piece import Piece
 
 NAN = float("nan")
 ALLOWED = 0.01  # chance that a window wholly on the parabola fails the chi2 test
 SMALLEST = 5  # samples of the smallest window around the maximum
 PRICE = 9.0  # twice the log likelihood by which noise must be the likelier one as a correlated one: three sigma
-Stretch = tuple[Piece, Array]  # samples, and the columns that span their course
+Stretch: TypeAlias = "tuple[Piece, Array]"  # samples, and the columns that span their course
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,8 @@ def jump_height(
     Noise that is correlated from sample to sample, as the samples before rest_until [s] and those of the window show
     it, widens the sigmas, also that of rest.
     """
+    from .flight.piece import Piece
+
     t, h, sigma = checked("jump_height", t=t, h=h, sigma=sigma)
     checked_sigma("jump_height", sigma)
     good = np.isfinite(t) & np.isfinite(h) & np.isfinite(sigma)
@@ -136,6 +140,9 @@ def _greatest(
     begin, end [s]: the interval that the samples stand for; the fit is carried on to it from the first or last sample.
     resting: what tells the correlation beside the window.
     """
+    from .flight.noise import learned
+    from .flight.piece import Piece
+
     if t.size < SMALLEST:
         return None
     smooth = np.convolve(h, np.full(3, 1.0 / 3.0), mode="valid")  # so that no single noisy sample is the maximum
