@@ -17,7 +17,7 @@ import pytest
 from conftest import ROOT, SAMPLES
 
 from jumpvision.cli import main
-from jumpvision.estimate.height import curve_height
+from jumpvision.estimate.height import curve_height, jump_height, rest_height
 from jumpvision.experiment.campaign.diagnose import asked_of
 from jumpvision.experiment.campaign.folder import DIAGNOSED
 from jumpvision.experiment.inputs.experiment import open_campaign
@@ -117,3 +117,22 @@ def test_a_jump_that_only_a_motor_log_describes_has_a_height(tmp_path):
     law, log = heights["law"], heights["log"]
     assert log["jump_height_m"] == pytest.approx(law["jump_height_m"], abs=2.0 * law["sigma_m"])
     assert log["simulated_height_m"] == pytest.approx(law["simulated_height_m"], abs=2e-4)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.6])
+def test_the_sigma_of_a_height_is_the_scatter_of_heights_whose_noise_is_correlated(rho):
+    """600 records of 40 frames of rest and a flight of 0.2 s: (height - true) / sigma scatters by 1 where the noise is
+    white, and by 1.1 where rho is 0.6 and some records do not show it (by 1.6 where correlation is not asked for)."""
+    rng, t = np.random.default_rng(7), np.arange(0.0, 0.45, 0.005)
+    true = np.where(t < 0.2, 0.0, 0.05 - 0.5 * 9.81 * (np.maximum(t - 0.305, -0.105)) ** 2)
+    z, sigma = [], np.full(t.size, 1e-4)
+    for _ in range(600):
+        e = rng.standard_normal(t.size)
+        for i in range(1, t.size):
+            e[i] = rho * e[i - 1] + math.sqrt(1.0 - rho**2) * e[i]
+        h = true + 1e-4 * e
+        rest = rest_height(t, h, sigma, until=0.2)
+        found = jump_height(t, h, sigma, motor_stop=0.22, rest=rest, foot_frequency=None, rest_until=0.2)
+        z.append((found.value - 0.05) / found.sigma)
+    # 600 give a standard deviation to 3 %, three of these
+    assert np.std(z) == pytest.approx(1.0 if rho == 0.0 else 1.1, abs=0.09)

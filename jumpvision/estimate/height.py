@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 import scipy
@@ -15,9 +16,14 @@ from jumpvision.base.arrays import Array
 from .estimate import Estimate, checked, checked_sigma, checked_times, scatter_factor
 from .mean import difference_noise, weighted_mean
 
+if TYPE_CHECKING:  # the flights are loaded where a height is asked for, not with every track
+    from .flight.piece import Piece
+
 NAN = float("nan")
 ALLOWED = 0.01  # chance that a window wholly on the parabola fails the chi2 test
 SMALLEST = 5  # samples of the smallest window around the maximum
+PRICE = 9.0  # twice the log likelihood by which noise must be the likelier one as a correlated one: three sigma
+Stretch: TypeAlias = "tuple[Piece, Array]"  # samples, and the columns that span their course
 
 
 @dataclass(frozen=True)
@@ -63,6 +69,7 @@ def jump_height(
     motor_stop: float,
     rest: Estimate,
     foot_frequency: float | None,
+    rest_until: float = -math.inf,
 ) -> JumpHeight:
     """Greatest rod height after the motor stops minus the rest height, sub-frame; and the rise while the motor runs.
 
@@ -73,27 +80,34 @@ def jump_height(
     A parabola of free curvature is fitted around the highest stretch of the track. Its window grows sample by sample
     on both sides as long as the samples stay on it (chi2, and the outer samples apart), so it ends where the flight
     does. A height still rising or falling at the motor's stop is its value there.
+
+    Noise that is correlated from sample to sample, as the samples before rest_until [s] and those of the window show
+    it, widens the sigmas, also that of rest.
     """
+    from .flight.piece import Piece
+
     t, h, sigma = checked("jump_height", t=t, h=h, sigma=sigma)
     checked_sigma("jump_height", sigma)
     good = np.isfinite(t) & np.isfinite(h) & np.isfinite(sigma)
     checked_times("jump_height", np.where(good, t, np.nan))
     t, h, sigma = t[good], h[good], sigma[good]
-    after, during = t >= motor_stop, t <= motor_stop
-    rise = _greatest(t[during], h[during], sigma[during], None, -math.inf, motor_stop)
-    apex = _greatest(t[after], h[after], sigma[after], foot_frequency, motor_stop, math.inf)
+    after, during, still = t >= motor_stop, t <= motor_stop, at_rest(t, rest_until)
+    resting = [(Piece(t[still], h[still], sigma[still]), np.ones((int(still.sum()), 1)))] if still.sum() > 1 else []
+    rise = _greatest(t[during], h[during], sigma[during], None, -math.inf, motor_stop, resting)
+    apex = _greatest(t[after], h[after], sigma[after], foot_frequency, motor_stop, math.inf, resting)
     if apex is None:
-        reason, apex = f"fewer than {SMALLEST} good samples after {motor_stop:g} s", (NAN, NAN, NAN, 0, NAN)
+        reason, apex = f"fewer than {SMALLEST} good samples after {motor_stop:g} s", (NAN, NAN, NAN, 0, NAN, 0.0)
     else:
         reason = "" if math.isfinite(rest.value) else f"no rest height: {rest.reason}"
-    value, spread, when, n, chi2 = apex
+    value, spread, when, n, chi2, rho = apex
     up, up_spread = rise[:2] if rise is not None else (NAN, NAN)
+    rest_sigma = rest.sigma * math.sqrt((1.0 + rho) / (1.0 - rho))
     return JumpHeight(
         value - rest.value,
-        math.hypot(spread, rest.sigma),
+        math.hypot(spread, rest_sigma),
         when,
         up - rest.value,
-        math.hypot(up_spread, rest.sigma),
+        math.hypot(up_spread, rest_sigma),
         n,
         chi2,
         reason,
@@ -119,12 +133,17 @@ def curve_height(t: Array, h: Array, after: float) -> float:
 
 
 def _greatest(
-    t: Array, h: Array, sigma: Array, frequency: float | None, begin: float, end: float
-) -> tuple[float, float, float, int, float] | None:
-    """(height, sigma, time, n, chi2) of the highest point of the samples given; None with too few.
+    t: Array, h: Array, sigma: Array, frequency: float | None, begin: float, end: float, resting: list[Stretch]
+) -> tuple[float, float, float, int, float, float] | None:
+    """(height, sigma, time, n, chi2, correlation of the noise) of the highest point of the samples given; None with too
+    few.
 
     begin, end [s]: the interval that the samples stand for; the fit is carried on to it from the first or last sample.
+    resting: what tells the correlation beside the window.
     """
+    from .flight.noise import learned
+    from .flight.piece import Piece
+
     if t.size < SMALLEST:
         return None
     smooth = np.convolve(h, np.full(3, 1.0 / 3.0), mode="valid")  # so that no single noisy sample is the maximum
@@ -156,7 +175,13 @@ def _greatest(
     best = int(np.argmax(curve @ p))
     row = curve[best]
     factor = scatter_factor(chi2, hi - lo - p.size)
-    return float(row @ p), factor * math.sqrt(float(row @ cov @ row)), float(fine[best]), hi - lo, chi2
+    window = Piece(t[k], h[k], sigma[k])
+    noise = learned([*resting, (window, design)], PRICE)
+    rho = noise.rho if noise is not None else 0.0
+    shares = row @ cov @ (design / sigma[k][:, None]).T  # of each sample's error, in its sigmas
+    apart = np.abs(np.subtract.outer(t[k], t[k])) / window.step
+    spread = math.sqrt(float(shares @ rho**apart @ shares))  # with rho 0 that of white noise: 0^0 is 1
+    return float(row @ p), factor * spread, float(fine[best]), hi - lo, chi2, rho
 
 
 def _on_parabola(t: Array, h: Array, sigma: Array, lo: int, hi: int, side: int) -> bool:

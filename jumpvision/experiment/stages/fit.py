@@ -78,7 +78,7 @@ def needs_of_fit(experiment: Experiment, law: Actuation | None) -> list[str]:
     return needs_of_law(law) if MOVING & experiment.sections.keys() else []
 
 
-@stage(version=17, any_of=("rod", "contact", "column", "flow", "intrusion", "spring", "log"), needs=needs_of_fit)
+@stage(version=18, any_of=("rod", "contact", "column", "flow", "intrusion", "spring", "log"), needs=needs_of_fit)
 def fit(experiment: Experiment, given: Recordings, *, p: FitParams) -> Fits:
     """Ring-down, flights, spring, column profile, jammed front, actuator: every fit with its uncertainty.
 
@@ -250,7 +250,7 @@ def height_fits(
         rest = Estimate(float(h[0]), float(sigma[0]), "m", 1, 0.0)
     foot = hanging_foot(robot)
     swing = foot_frequency(*foot[:3]) if foot else None
-    found = jump_height(t, h, sigma, motor_stop=stop, rest=rest, foot_frequency=swing)
+    found = jump_height(t, h, sigma, motor_stop=stop, rest=rest, foot_frequency=swing, rest_until=begin)
     height = Estimate(found.value, found.sigma, "m", found.n, found.chi2, found.reason)
     rise = Estimate(found.motor_rise, found.motor_rise_sigma, "m", found.n, NAN)
     apex = Estimate(found.time, NAN, "s", found.n, found.chi2, found.reason)
