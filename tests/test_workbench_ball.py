@@ -201,6 +201,8 @@ def test_the_cross_is_moved_and_turned_and_the_command_line_repeats_it(opened):
     angle = math.radians(10)  # the end of y, 60 px of the screen above the origin, to the left
     p.drag((x, y - 60), (x - 80 * math.sin(angle), y - 80 * math.cos(angle)))
     assert p.draft["values"]["calibration"]["tilt"] == pytest.approx(angle, abs=0.02)
+    p.page.get_by_label("Turned by [°]", exact=True).fill("10")  # what is drawn can be typed
+    assert p.draft["values"]["calibration"]["tilt"] == pytest.approx(angle, abs=1e-9)
     p.click("#tab-plot")
     p.until("!!workbench.store.columns?.table.x_m")
     p.until("workbench.store.table.calibration?.tilt === workbench.store.draft.values.calibration.tilt")

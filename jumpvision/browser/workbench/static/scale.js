@@ -1,6 +1,6 @@
 // Step 1: what is known of the film, clicked or typed. And what a click on the film means.
 import { attempt, changed, emit, film, load, on, picks, post, setPick, setValue, store, value } from "./store.js";
-import { button, element, pickNumber, place, take, valueChoice, valueNumber } from "./fields.js";
+import { button, element, pickNumber, place, row, take, valueChoice, valueNumber } from "./fields.js";
 import { axes } from "./handles.js";
 import { onDraw, onPick } from "./view.js";
 
@@ -9,7 +9,7 @@ const FIRST = "rod_video grain_video".split(" "); // sections whose places are t
 
 const marks = () => [
   place("marks", "Ruler", 4, "Drag from one end of a known length to the other, or click both ends", true),
-  pickNumber("distance", "Their distance [mm]"),
+  pickNumber("distance", "Its length [mm]"),
 ];
 const rate = (section) => {
   const { made } = valueNumber(section, "frame_rate", "Frame rate [1/s]", { note: "" });
@@ -75,15 +75,24 @@ function cross() { // the axes of the ball: a cross that is dragged by its middl
     take({ key: "origin", numbers: 2, hint: "Click where x = 0 and y = 0" });
   });
   set.dataset.tool = "origin";
-  const out = element("div", { className: "tool" }, element("div", { className: "row" }, element("span", { className: "label", textContent: "Cross" }), set), said);
+  const typed = element("input", { type: "text", autocomplete: "off", placeholder: "column, row" });
+  typed.addEventListener("change", () => {
+    const v = typed.value.split(/[,;\s]+/).filter(Boolean).map(Number);
+    if (v.length === 2 && v.every(Number.isFinite)) setValue("rod_video", "origin", v);
+  });
+  const turn = valueNumber("calibration", "tilt", "Turned by [°]", { factor: 180 / Math.PI, usual: 0 });
+  turn.input.addEventListener("input", () => { if (picks().rail) { delete picks().rail; changed(); } }); // the later word counts
+  const first = row("Origin", typed);
+  first.append(set);
+  const out = element("div", { className: "tool" }, first, turn.made, said);
   on("state section draft preview tool", () => {
     const a = axes(), round = (v) => Math.round(v * 10) / 10;
     out.classList.toggle("active", store.tool?.key === "origin");
     set.textContent = a ? "Take away" : "Place";
     set.hidden = Boolean(a) && store.draft.values.rod_video?.origin == null; // it stands in the file
     set.setAttribute("aria-label", a ? "Take the cross away" : "Place the cross: click the origin on the film");
-    const tilt = value("calibration", "tilt") ?? 0;
-    said.textContent = a ? `Origin at column ${round(a.o[0])}, row ${round(a.o[1])}; turned by ${(tilt * 180 / Math.PI).toFixed(1)}°. Drag the middle to move it, the end of y to turn it.`
+    if (document.activeElement !== typed) typed.value = a ? a.o.map(round).join(", ") : "";
+    said.textContent = a ? "Drag the middle of the cross to move it, the end of y to turn it."
       : "None: x and y count from the film's upper left corner.";
   });
   return out;

@@ -116,7 +116,8 @@ class Job(NamedTuple):
 @dataclass(frozen=True)
 class Ready:
     """A film that is ready to be matched. film: its section in the pixels of its frames; head: places and times of the
-    field; apart [s]: from frame to frame of each field's pairs; coded [px]: what the codec may add to a displacement.
+    field; apart [s]: from frame to frame of each field's pairs; coded [px]: what the codec may add to a displacement;
+    begun: the first pair, where the prefilter was chosen by it.
     """
 
     frames: Film
@@ -126,6 +127,7 @@ class Ready:
     head: xr.Dataset
     apart: Array
     coded: float
+    begun: VectorField | None
 
     def whole(self) -> Piv:
         """All fields of the film."""
@@ -137,7 +139,10 @@ class Ready:
 
     def alone(self, k: int) -> Piv:
         """Field number k of the film, as it is among all others."""
-        plane = next(self.planes([self.job.field(self.frames, self.usable, k)], k))
+        p, known = self.job.p, self.begun if k == 0 else None
+        if known is None or p.ensemble > 1 or p.baseline > p.gap:
+            known = self.job.field(self.frames, self.usable, k)
+        plane = next(self.planes([known], k))
         return Piv(self.head.isel(t=[k]).assign(plane.expand_dims("t", axis=-1)))
 
 
@@ -168,13 +173,13 @@ def ready(
         if said:
             warnings.warn(StageWarning("frames", said, film.name), stacklevel=4)
         first, second = light(frames[0], 0), light(frames[p.gap], p.gap)
-        prefilter, _ = best_prefilter(first, second, mask=usable, gap=p.gap, **matching(p))
+        prefilter, begun = best_prefilter(first, second, mask=usable, gap=p.gap, **matching(p))
         head = header(frames.time, frames.shape, placed(film), prefilter, stride, p)
         if foot is not None:
             add_foot(head, foot, frames.time, film, stride, p)
         job = Job(given, mask, calibration, robot, foot, light, prefilter, stride, p)
         begin, end = ends(frames.time, stride, p)
-        yield Ready(frames, film, job, usable, head, of_fields(end - begin, p), coded)
+        yield Ready(frames, film, job, usable, head, of_fields(end - begin, p), coded, begun)
 
 
 def matched(frames: Film, job: Job, usable: Usable | None) -> Iterator[VectorField]:
