@@ -290,24 +290,25 @@ class Order:
         self.say("looking for numbers that vary, with these in the model")
         for about in self._abouts(naming, wide):
             wide = self._wider(about, beside=True) or wide
-            first = about is naming.best.fit
+            partly = None
             if wide.problem.system.candidates.keys() != self.problem.system.candidates.keys():
                 order = replace(self, problem=wide.problem)
                 more = order.name(replace(found, naming=None, problem=order.problem), about)
                 assert more.naming is not None
-                if more.naming.status == Status.COMPLETE or (first and more.naming.status == Status.PARTIAL):
-                    return order, replace(more, varies=explain.named(order.problem, more.naming))
-            if first and (scatters := self._scatter_beside(found, wide)) is not None:
-                return scatters
+                known = order, replace(more, varies=explain.named(order.problem, more.naming))
+                if more.naming.status == Status.COMPLETE:
+                    return known
+                partly = known if about is naming.best.fit and more.naming.status == Status.PARTIAL else None
+            if (more_so := self._scatter_beside(found, wide, about) or partly) is not None:
+                return more_so
         return self, found
 
-    def _scatter_beside(self, found: Findings, wide: Wider) -> tuple[Order, Findings] | None:
-        """What is named with a number that scatters about it, where both are all; wide: about what is named."""
+    def _scatter_beside(self, found: Findings, wide: Wider, about: Fit) -> tuple[Order, Findings] | None:
+        """Causes with a number that scatters about them, where both are all."""
         from .vary import explain
 
-        assert found.naming is not None
-        about, rng = found.naming.best.fit, np.random.default_rng(VARY_SEED)
-        s = explain.scattered(self.problem, wide.screen, about, explain.SECOND, rng) if found.naming.named else None
+        rng = np.random.default_rng(VARY_SEED)
+        s = explain.scattered(self.problem, wide.screen, about, explain.SECOND, rng) if about.mechanisms else None
         if s is None or s.detection.discrepant or (base := explain.bare(s, found.baseline, rng)) is None:
             return None
         order, more = self._named_about(found, base, s.baseline)
