@@ -337,7 +337,7 @@ def test_what_the_mouse_has_set_is_repeated_by_the_command_line(tmp_path, browse
     label("Frame rate [1/s]").fill("250")
     h.page.locator("button[data-tool=marks]").filter(visible=True).click()
     h.drag((10, 100), (110, 100))
-    label("Their distance [mm]").fill("5")
+    label("Its length [mm]").fill("5")
     h.page.locator("button[data-tool=leave_out]").filter(visible=True).click()
     h.press((10, 10), (60, 10), (30, 50))
     h.page.keyboard.press("Enter")

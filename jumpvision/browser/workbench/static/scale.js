@@ -130,7 +130,7 @@ on("state section preview", () => {
   const scale = store.table[store.section]?.scale, sigma = store.table[store.section]?.scale_sigma;
   facts.textContent = scale ? `Scale: ${Number((1e3 * scale).toPrecision(4))} mm per pixel${sigma ? ` ± ${(100 * sigma / scale).toPrecision(2)} %` : ""}`
     : store.section === "rod_video" ? "No scale yet: a track stays in pixels until a ruler or the ball's diameter is given."
-      : "No scale yet: all stays in pixels until two marks and their distance are given.";
+      : "No scale yet: all stays in pixels until a ruler and its length are given.";
 });
 
 // A click goes to the tool that is armed; without one, on the rod film, it is the ball.
