@@ -134,7 +134,7 @@ def test_a_number_that_drifts_beside_a_force_that_passes_the_test_alone():
     assert found.varies[0].value / found.varies[0].declared == pytest.approx(1.0008, abs=1e-4)  # sigma 0.05e-3
 
 
-def swings(scatter, dry, n=10, seed=5):
+def loose(scatter, dry, n=10, seed=5):
     """Pendulums let go at places in no order, whose W scatters by a share of itself, with dry friction."""
     rng, out = np.random.default_rng(seed), []
     each = 60.0 * (1.0 + scatter * rng.standard_normal(n))
@@ -153,7 +153,7 @@ def swings(scatter, dry, n=10, seed=5):
 
 def test_a_number_that_scatters_beside_a_force():
     """Neither is all: with the force alone W is off in every swing, and scatter alone does not damp."""
-    some, spread = swings(0.004, 0.3)
+    some, spread = loose(0.004, 0.3)
     found = jv.diagnose(some, pendulum.study())
     assert found.named == ("dry_friction",) and told(found) == [("W", "scatter", ())], found.sentence
     assert found.varies[0].low < spread < found.varies[0].high

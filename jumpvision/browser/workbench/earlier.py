@@ -14,7 +14,7 @@ from jumpvision.experiment import files
 from jumpvision.experiment.campaign.folder import results_of
 from jumpvision.experiment.inputs.experiment import EXPERIMENT, open_experiment
 from jumpvision.experiment.results.fields import Piv, Statistics
-from jumpvision.experiment.results.tables import Track
+from jumpvision.experiment.results.tables import Simulation, Track
 from jumpvision.experiment.workflow.provenance import read_provenance
 from jumpvision.experiment.workflow.stage import STAGES, import_all
 from jumpvision.experiment.workflow.workspace import Workspace
@@ -28,8 +28,8 @@ HOLDS, CHANGED = "as the last run left it", "what it rests on has changed since 
 
 @dataclass(frozen=True)
 class Earlier:
-    """results: the folder; report: whether a page lies there; warnings: of its stages; held: which of track and vectors
-    still are what the experiment on the disk gives; changed: which are not."""
+    """results: the folder; report: whether a page lies there; warnings: of its stages; held: which of track, vectors
+    and simulation still are what the experiment on the disk gives; changed: which are not."""
 
     results: str
     report: bool
@@ -102,7 +102,7 @@ class Before:
 
     def seen(self) -> Earlier:
         """All of it, for the page."""
-        known = {k.file: self.holds(k) for k in (Track, Piv)}
+        known = {k.file: self.holds(k) for k in (Track, Piv, Simulation)}
         return Earlier(
             results=str(self.results),
             report=(self.results / files.REPORT).exists(),
