@@ -122,7 +122,7 @@ class Before:
         t = found.table
         by_hand = t.corrected.to_numpy(bool) if "corrected" in t else np.zeros(len(t), bool)
         x, y = (np.where(by_hand, t.get(f"{c}_found_px", np.nan), t[f"{c}_px"]) for c in "xy")
-        flag = np.where(by_hand, t.get("flag_found", ""), t.flag.fillna(""))
+        flag = np.where(by_hand, t.get("flag_found", ""), t.flag.astype(object).fillna(""))
         rows: list[Row] = [
             (None, None, None, str(f)) if f and f == f else (float(a), float(b), float(s), "")
             for a, b, s, f in zip(x, y, t.sigma_px, flag)
