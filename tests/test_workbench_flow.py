@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import threading
 import time
 import tomllib
@@ -15,11 +16,14 @@ import numpy as np
 import pytest
 import xarray as xr
 
+import jumpvision as jv
+from jumpvision.base.schema import InputError
 from jumpvision.browser.workbench.bench import Benches
 from jumpvision.browser.workbench.draft import draft_of
 from jumpvision.browser.workbench.flowing import OF_ONE, Asked
 from jumpvision.browser.workbench.server import Server
 from jumpvision.cli import main
+from jumpvision.experiment.init.recognise import recordings
 from jumpvision.experiment.results.tables import Profiles
 from jumpvision.experiment.stages.grains.flow import derivatives
 from jumpvision.experiment.stages.grains.statistics import along_line
@@ -138,6 +142,35 @@ def test_double_exposures_are_matched_as_the_stage_does(tmp_path):
         same(s.values, of_file(results / "piv.nc", k).u.values)
         assert s.frame == 2 * k
     b.close()
+
+
+def many_pairs(folder: Path, n: int = 3) -> Path:
+    """Double exposures: what moves is one vortex from A to B, another one from pair to pair."""
+    folder.mkdir()
+    for k in range(n):
+        for name, frame in zip("AB", vortex(2, seed=k)):
+            cv2.imwrite(str(folder / f"Jet_{k:04d}{name}.png"), frame)
+    return folder
+
+
+def test_a_folder_of_many_pairs_is_drafted_as_pairs_by_their_names(tmp_path):
+    folder = many_pairs(tmp_path / "jet")
+    assert main(["init", str(folder)]) == 0
+    text = (folder / "experiment.toml").read_text()
+    given = tomllib.loads(text)["grain_video"]
+    assert given["file"] == "Jet_*[AB].png" and given["pairs"] == "names" and "# pair_time = " in text
+    with pytest.raises(InputError, match="pair_time"):
+        jv.piv(folder)  # the time from A to B is nobody's guess
+    (folder / "experiment.toml").write_text(text.replace("# pair_time = ", "frame_rate = 10.0\npair_time = 1e-3"))
+    found = jv.piv(folder).field
+    assert found.sizes["t"] == 3
+    for name, count in (("aside", 4), ("alone", 2)):  # a letter that is part of a word is none
+        (tmp_path / name).mkdir()
+        for f in sorted(folder.glob("*.png"))[:count]:
+            letter = f.stem[-1] if name == "alone" else f"{f.stem[-2]}_data" if f.stem[-1] == "A" else f"{f.stem[-2]}_b"
+            shutil.copy(f, tmp_path / name / f"jet_{letter}.png")
+    assert [(r.file, "pairs" in r.values) for r in recordings(tmp_path / "alone", {})[0]] == [("jet_[AB].png", False)]
+    assert not any("pairs" in r.values for r in recordings(tmp_path / "aside", {})[0])
 
 
 def test_a_map_has_the_sign_and_the_place_of_the_truth(tmp_path):
@@ -327,6 +360,37 @@ def test_from_two_pictures_to_a_vorticity_map_and_a_profile(tmp_path, browser, s
     h.until("Math.abs(workbench.store.table.params.profiles.lines[0][3] + 40) < 1")
     h.page.keyboard.press("Control+z")
     h.until("Math.abs(workbench.store.table.params.profiles.lines[0][3] + 64) < 1")
+    assert h.said == []
+
+
+def test_a_folder_of_pairs_opens_as_pairs_and_their_time_is_typed(tmp_path, browser, served):
+    folder = many_pairs(tmp_path / "jet", 10)  # a mean needs as many
+    h = Hand(browser, served(folder))
+    assert h.page.get_by_label("Pictures", exact=True).input_value() == "names"
+    h.click("#act")
+    h.until("workbench.store.flow")
+    assert h.get("workbench.store.flow.speed") == "px/frame" and "Frames 0 and 1" in h.page.inner_text("#counts")
+    h.page.keyboard.press("End")  # B of the last pair: its partner is A of it, not the picture after
+    h.until("workbench.store.flow.frame === 18")
+    h.page.get_by_role("button", name="Match all pairs").click()
+    h.until("workbench.store.flow.mean")
+    assert h.page.get_by_text("Mean of 10 fields.").is_visible()
+    h.page.keyboard.press("1")
+    h.page.get_by_label("Frame rate [1/s]").filter(visible=True).fill("10")
+    h.page.get_by_label("From A to B [ms]").fill("2")
+    h.until("workbench.store.table.grain_video.pair_time === 0.002")
+    h.click("#tab-run")
+    h.click("#write")
+    h.page.wait_for_selector("text=Written:")
+    given = tomllib.loads((folder / "experiment.toml").read_text())["grain_video"]
+    assert {k: given[k] for k in ("pairs", "pair_time", "frame_rate")} == {
+        "pairs": "names",
+        "pair_time": 0.002,
+        "frame_rate": 10,
+    }
+    h.click("#tab-find")
+    h.until("workbench.store.flow && !workbench.store.flow.mean && workbench.store.flow.speed === 'px/s'")
+    same(h.get("workbench.store.flow.u"), of_file(stage("piv", folder) / "piv.nc", 9).u.values)
     assert h.said == []
 
 
