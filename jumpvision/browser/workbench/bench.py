@@ -18,7 +18,7 @@ from jumpvision.base.schema import InputError
 from jumpvision.base.storage import write_aside
 from jumpvision.experiment import files
 from jumpvision.experiment.campaign.folder import results_of
-from jumpvision.experiment.init.recognise import ANY_RATE, FILMS, Recording, ball, recognised, recordings
+from jumpvision.experiment.init.recognise import ANY_RATE, FILMS, KNOWN, Recording, ball, recognised, recordings
 from jumpvision.experiment.init.text import PICKED, RESULTS, Choices, drafted
 from jumpvision.experiment.inputs.experiment import CAMPAIGN, EXPERIMENT, folder_of
 from jumpvision.experiment.inputs.logs import read_log
@@ -36,6 +36,7 @@ from jumpvision.experiment.inputs.sections import (
 from jumpvision.experiment.stages.recordings import SCALE_OF_PIXELS
 from jumpvision.films.parameters import BedParams, TrackParams
 
+from .adding import Adding
 from .draft import CORRECTIONS, HEAD, Composed, Draft, composed, placed
 from .earlier import Before, Earlier, FoundBefore
 from .films import Shown
@@ -67,7 +68,7 @@ class Seen:
 @dataclass(frozen=True)
 class State:
     """All that the page begins with. given: tables of experiment.toml (or of its draft) and campaign.toml.
-    kept: what the page was when it was left."""
+    kept: what the page was when it was left. beside: folder in which a new one may be made; known: suffixes."""
 
     folder: str
     name: str
@@ -78,6 +79,8 @@ class State:
     corrections: dict[int, tuple[float, float]]
     notes: list[str]
     kept: object = None
+    beside: str = ""
+    known: tuple[str, ...] = KNOWN
 
 
 KEPT = "workbench.json"
@@ -312,25 +315,62 @@ class Benches:
         folder = path if path.is_dir() else path.parent
         below = [] if self.only else [f for f in sorted(folder.iterdir()) if _holds_recordings(f)]
         own = bool(self.only) or (folder / EXPERIMENT).exists() or bool(recordings(folder, {})[0])
-        self.whole = folder
-        self.folders = {f.name: f for f in ([folder] if own or not below else below)}
+        self._campaign = None if own or not below else folder
+        self.folders = {f.resolve().name: f for f in ([folder] if own or not below else below)}
         if own and (folder.parent / CAMPAIGN).exists():
-            self.whole = folder.parent
+            self._campaign = folder.parent
             self.folders = {f.name: f for f in sorted(folder.parent.iterdir()) if _holds_recordings(f)}
         first = Bench(folder if own or not below else below[0], self.only)
         if not own:  # of a campaign the first with a film, as there is more to do
             first = next((b for b in map(Bench, below) if b.films), first) if not first.films else first
         self.bench, self.running = first, None  # type: Bench, Running | None
+        self._given, self.adding = folder, None  # type: Path, Adding | None
         self._lock = threading.Lock()
 
+    @property
+    def whole(self) -> Path:
+        """What is run and reported: the campaign, or what lies on the bench."""
+        return self._campaign or self.bench.folder
+
+    @property
+    def beside(self) -> Path:
+        """Where a new folder goes: beside the film, or beside the experiment."""
+        return self.bench.folder if self.bench.only else self._campaign or self.bench.folder.resolve().parent
+
     def state(self) -> State:
-        return replace(self.bench.state(), experiments=list(self.folders))
+        return replace(self.bench.state(), experiments=list(self.folders), beside=str(self.beside))
+
+    def add(self, name: str, files: Mapping[str, int]) -> None:
+        """Begin a new folder for files (name -> bytes); one that was left half-way is taken away."""
+        with self._lock:
+            if self.adding and self.adding.writing:
+                raise InputError(["files: others are being copied; wait for their end"])
+            self.stop_adding()
+            if name in self.folders:
+                raise InputError([f"folder = '{name}': an experiment of this name is open; give another name"])
+            self.adding = Adding(self.beside, name, files)
+
+    def stop_adding(self) -> str:
+        """Take away a folder that is not whole; why it is not."""
+        adding, self.adding = self.adding, None
+        if adding:
+            adding.stop()
+        return adding.problem if adding else ""
+
+    def added(self) -> None:
+        """Open the folder that is whole now."""
+        if self.adding is None:
+            raise InputError(["files: none were added"])
+        folder, self.adding = self.adding.done(), None
+        self._take(Bench(folder))
+        self.folders[folder.name] = folder
 
     def change(self, name: str) -> None:
         """Take another experiment onto the bench."""
         if name not in self.folders:
             raise InputError([f"experiment = '{name}': must be one of {', '.join(self.folders)}"])
-        self._take(Bench(self.folders[name]))
+        folder = self.folders[name]
+        self._take(Bench(folder, self.only if folder == self._given else ""))
 
     def as_role(self, section: str, role: str) -> None:
         """Take a film for another kind."""
@@ -375,6 +415,7 @@ class Benches:
         return file.read_bytes()
 
     def close(self) -> None:
+        self.stop_adding()
         if self.running:
             self.running.stop()
         self.bench.close()

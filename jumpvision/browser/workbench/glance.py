@@ -23,6 +23,7 @@ from jumpvision.experiment.results.summary import UNKNOWN, Summary
 from jumpvision.experiment.results.tables import RodMotion
 from jumpvision.films.frames import FrameError
 
+from .earlier import places_of
 from .logs import thinned
 
 R = TypeVar("R", bound=Record)
@@ -54,7 +55,8 @@ def glance(folders: dict[str, Path], whole: Path) -> list[Row]:
     for name, text in by_model(diagnosis) if diagnosis else ():
         apart.setdefault(name, []).append(text)
     extended = {h.experiment: h.extended_m - h.measured_m for h in diagnosis.heights} if diagnosis else {}
-    summaries = {n: loaded(Summary, base / n) or UNKNOWN for n in folders}
+    places = {n: places_of(f, whole)[0] for n, f in folders.items()}
+    summaries = {n: loaded(Summary, r) or UNKNOWN for n, r in places.items()}
     measured = any(s.jump_height.value is not None for s in summaries.values())
     rows = []
     for name, folder in folders.items():
@@ -69,7 +71,7 @@ def glance(folders: dict[str, Path], whole: Path) -> list[Row]:
         if n := len(s.warnings):
             why = [*why, f"{n} warning{'s' * (n > 1)}"]
         film = film_of(folder)
-        rows.append(Row(name, s.kind, height, sigma, missed, n, "; ".join(why), film is not None, trace(base / name)))
+        rows.append(Row(name, s.kind, height, sigma, missed, n, "; ".join(why), film is not None, trace(places[name])))
     return sorted(rows, key=lambda r: not r.odd)
 
 

@@ -38,6 +38,7 @@ PICTURES = ("bed_image", "crater_image")
 FIELDS = (".nc", ".mat")
 VECTORS = (".txt", ".vec")  # one field a file
 PAIR = re.compile(r"\[(AB|ab)\]\.\w+$")  # caseframeA, caseframeB
+KNOWN = tuple(sorted({*READERS, *CHANNELS, *FIELDS, *VECTORS, ".csv", ".npz"}))  # suffixes of recordings
 TABLES = (".xls", ".xlsx", ".ods", ".dat")
 IGNORED = ("", ".toml", ".json", ".md", ".cih", ".cihx", ".py", ".ipynb", ".html", ".pdf", ".docx")
 GUESSED = "guessed from what it shows: write another section if it is something else"
