@@ -10,6 +10,7 @@ import time
 import tomllib
 import urllib.request
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -22,7 +23,9 @@ from jumpvision.browser.workbench.bench import Benches
 from jumpvision.browser.workbench.draft import draft_of
 from jumpvision.browser.workbench.flowing import OF_ONE, Asked
 from jumpvision.browser.workbench.server import Server
+from jumpvision.browser.workbench.why import said
 from jumpvision.cli import main
+from jumpvision.engine.document.values import Cell, Height
 from jumpvision.experiment.init.recognise import recordings
 from jumpvision.experiment.results.tables import Profiles
 from jumpvision.experiment.stages.grains.flow import derivatives
@@ -535,9 +538,63 @@ def test_a_campaign_at_a_glance_marks_what_stands_out_and_opens_it(tmp_path, bro
     h.click("#glance-open")
     h.page.wait_for_selector("#glance tbody tr")
     first = h.page.locator("#glance tbody tr").first
-    assert first.inner_text().split("\t")[2:] == ["b", "single", "30.00 ± 0.10", "+1.00", "1 warning"]
+    assert first.inner_text().split("\t")[2:] == ["b", "single", "30.00 ± 0.10", "+1.00", "1 warning", ""]
     h.until("[...document.querySelectorAll('#glance img')].every((i) => i.complete && i.naturalWidth > 0)")
     assert h.page.locator("#glance tr.odd").count() == 1
     h.page.get_by_role("button", name="c", exact=True).click()
     h.until("workbench.store.state.name === 'c'")
     assert h.said == []
+
+
+def test_why_a_jump_stands_out_is_shown_of_its_results(tmp_path, browser, served):
+    """Residual, the film's frame where it is greatest, and the log, side by side; the results stay as they are."""
+    t, campaign = np.arange(20) / 100, tmp_path / "drops"
+    campaign.mkdir()
+    for name in ("a", "b"):
+        falling(campaign / name)
+        toml = '[rod_video]\nfile = "rod.npy"\nframe_rate = 100.0\nscale = 1e-3\n[motor_log]\nfile = "motor.csv"\n'
+        (campaign / name / "experiment.toml").write_text(f"schema = 1\n{toml}")
+        rows = "".join(f"{s:.3f},{0.001 * (k > 9)}\n" for k, s in enumerate(t))
+        (campaign / name / "motor.csv").write_text(f"time_s,position_m\n{rows}")
+        results = tmp_path / "results" / "drops" / name
+        results.mkdir(parents=True)
+        height = -0.0003 * np.arange(20.0) ** 2
+        missed = 0.004 * np.exp(-((np.arange(20) - 13.0) ** 2))  # measured less simulated, greatest in frame 13
+        lines = [f"{s},{h + m if name == 'b' else h},1e-5" for s, h, m in zip(t, height, missed)]
+        (results / "rod.csv").write_text("\n".join(["time_s,height_m,sigma_m", *lines, ""]))
+        lines = [f"{s},{0.2 + h},0,0,0,0" for s, h in zip(t, height)]
+        (results / "simulation.csv").write_text(
+            "\n".join(["time_s,rod_m,foot_m,motor_m,ground_N,spring_N", *lines, ""])
+        )
+        lines = [f"{k},{s},60,{30 + 0.3 * k * k},0.1,0,1e-5," for k, s in enumerate(t)]
+        head = "frame,time_s,x_px,y_px,sigma_px,height_m,sigma_m,flag"
+        (results / "track.csv").write_text("\n".join([head, *lines, ""]))
+        (results / "summary.json").write_text(json.dumps({"experiment": name, "kind": "single", "jump_height_m": 0.03}))
+    kept = {f: f.read_bytes() for f in sorted((tmp_path / "results").rglob("*")) if f.is_file()}
+    h = Hand(browser, served(campaign))
+    h.click("#glance-open")
+    h.page.get_by_role("button", name="Why b").click()
+    h.page.get_by_text("b: greatest residual 4.00 mm at 0.130 s").wait_for()
+    found = h.get("workbench.store.why")
+    assert found["frame"] == 13 and found["greatest"] == pytest.approx(0.004, abs=1e-9)
+    np.testing.assert_allclose(found["y"], missed, atol=1e-12)
+    h.until("document.querySelector('#why img').naturalWidth > 0")
+    panels = h.page.locator("#why figure")
+    assert panels.count() == 3 and "position (motor_log)" in panels.nth(2).inner_text()
+    assert len({round(panels.nth(k).bounding_box()["y"]) for k in range(3)}) == 1  # side by side
+    assert h.get("[...document.querySelectorAll('#why figure')].every((f) => f.scrollWidth <= f.clientWidth)")
+    if place := os.environ.get("JUMPVISION_SCREENSHOTS"):
+        h.page.screenshot(path=f"{place}/why.png")
+    h.page.get_by_role("button", name="Why a").click()
+    h.page.get_by_text("a: greatest residual 0.00 mm").wait_for()
+    now = {f: f.read_bytes() for f in sorted((tmp_path / "results").rglob("*")) if f.is_file()}
+    assert now == kept and h.said == []
+
+
+def test_a_diagnosis_says_how_far_its_models_miss_a_jump():
+    heights = [Height("b", "single", 7.0, None, 0.57, 0.030, 1e-5, 0.032, 0.0301)]
+    cells = [Cell("single", "flight", -0.003, 9.0, 0.0, 9), Cell("stutter", "rest", 0.1, 9.0, 0.0, 9)]
+    d = SimpleNamespace(heights=heights, where=cells)
+    texts = said(d, "b")
+    assert texts[:2] == ["model: height +2.00 mm", "extended model: height +0.10 mm"] and "flight, -3.00 mm" in texts[2]
+    assert said(d, "a") == said(None, "b") == []

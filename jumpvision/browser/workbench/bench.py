@@ -49,6 +49,7 @@ from .logs import Trace, traces
 from .matching import BedLine, bed_line
 from .plotting import Motion
 from .running import Running
+from .why import Why, why
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,7 @@ class State:
 
 
 KEPT = "workbench.json"
+LARGER = 640  # px of a frame beside its residual
 
 
 class Bench:
@@ -367,9 +369,7 @@ class Benches:
 
     def change(self, name: str) -> None:
         """Take another experiment onto the bench."""
-        if name not in self.folders:
-            raise InputError([f"experiment = '{name}': must be one of {', '.join(self.folders)}"])
-        folder = self.folders[name]
+        folder = self._folder(name)
         self._take(Bench(folder, self.only if folder == self._given else ""))
 
     def as_role(self, section: str, role: str) -> None:
@@ -396,16 +396,23 @@ class Benches:
         """All experiments in a row each."""
         return glance(self.folders, self.whole)
 
-    def small(self, name: str) -> bytes:
-        """A small picture of an experiment's film."""
+    def why(self, name: str) -> Why:
+        """What its results say of one of the experiments."""
+        return why(name, self._folder(name), self.whole)
+
+    def small(self, name: str, frame: int | None) -> bytes:
+        """A small picture of an experiment's film; larger of a frame."""
+        return small(self._folder(name)) if frame is None else small(self._folder(name), frame, LARGER)
+
+    def _folder(self, name: str) -> Path:
         if name not in self.folders:
-            raise InputError([f"picture of '{name}': must be one of {', '.join(self.folders)}"])
-        return small(self.folders[name])
+            raise InputError([f"experiment = '{name}': must be one of {', '.join(self.folders)}"])
+        return self.folders[name]
 
     def report(self, name: str = "") -> bytes:
         """The page of the last run: of the whole, or of an experiment of it. InputError where there is none."""
-        if name and name not in self.folders:
-            raise InputError([f"report of '{name}': must be one of {', '.join(self.folders)}"])
+        if name:
+            self._folder(name)
         if name or self.whole == self.bench.folder:
             file = Before(self.folders.get(name, self.bench.folder), self.whole).results / files.REPORT
         else:

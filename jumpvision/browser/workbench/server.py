@@ -31,7 +31,8 @@ TRACK = re.compile(r"/api/track\?since=([0-9]{1,9})")
 REPORT = re.compile(r"/report/(?:([^/]+)/)?report\.html")
 ADD = re.compile(r"/api/add/file/([^/]+)")
 LARGEST_FILE = 10**12 - 1  # bytes
-SMALL = re.compile(r"/small/([^/]+)\.jpg")
+SMALL = re.compile(r"/small/([^/]+?)(?:/([0-9]{1,9}))?\.jpg")
+WHY = re.compile(r"/api/why/([^/]+)")
 Question = dict[str, object]
 
 
@@ -238,7 +239,9 @@ class Handler(LocalHandler):
         elif path == "/api/glance":
             self._json(200, benches.glance())
         elif m := SMALL.fullmatch(path):
-            self.send(200, "image/jpeg", benches.small(unquote(m[1])))
+            self.send(200, "image/jpeg", benches.small(unquote(m[1]), int(m[2]) if m[2] else None))
+        elif m := WHY.fullmatch(path):
+            self._json(200, benches.why(unquote(m[1])))
         elif m := REPORT.fullmatch(path):
             self.send(200, "text/html; charset=utf-8", benches.report(unquote(m[1] or "")), ALONE)
         elif path == "/api/run":
