@@ -18,10 +18,11 @@ import pytest
 import xarray as xr
 
 import jumpvision as jv
+from jumpvision.base.record import plain
 from jumpvision.base.schema import InputError
 from jumpvision.browser.workbench.bench import Benches
 from jumpvision.browser.workbench.draft import draft_of
-from jumpvision.browser.workbench.flowing import OF_ONE, Asked
+from jumpvision.browser.workbench.flowing import OF_ONE, Asked, Batch
 from jumpvision.browser.workbench.server import Server
 from jumpvision.browser.workbench.why import said
 from jumpvision.cli import main
@@ -30,6 +31,7 @@ from jumpvision.experiment.init.recognise import recordings
 from jumpvision.experiment.results.tables import Profiles
 from jumpvision.experiment.stages.grains.flow import derivatives
 from jumpvision.experiment.stages.grains.statistics import along_line
+from jumpvision.experiment.stages.track import BallFilm
 from jumpvision.films.grains.dataset import as_matched
 
 ROWS, COLUMNS = 120, 176  # px; never square
@@ -442,6 +444,87 @@ def test_all_pairs_are_matched_with_progress_and_their_mean_is_shown(tmp_path, b
     h.page.select_option("#map", "tke")
     h.until("workbench.store.flow.name === 'tke'")
     assert h.get("workbench.store.flow.unit") == "px^2/s^2" and h.said == []
+
+
+def test_the_matching_of_all_pairs_is_stopped_by_its_button(tmp_path, browser, served, monkeypatch):
+    slow = Batch._told
+
+    def told(self, what, done, total):
+        time.sleep(0.05)
+        slow(self, what, done, total)
+
+    monkeypatch.setattr(Batch, "_told", told)
+    s = served(film(tmp_path / "film", 60))
+    h = Hand(browser, s)
+    h.page.keyboard.press("2")
+    h.page.get_by_role("button", name="Match all pairs").click()
+    h.until("document.querySelector('progress[aria-label=\"Pairs matched\"]').value > 2")
+    h.page.get_by_role("button", name="Stop", exact=True).filter(visible=True).click()
+    h.page.get_by_text("stopped", exact=True).wait_for()
+    batch = s.benches.bench.flowing.batch
+    assert not batch.running and batch.piv is None and 2 < batch.done < 59
+    assert h.page.get_by_role("button", name="Match all pairs").is_enabled()
+    monkeypatch.undo()
+    h.page.get_by_role("button", name="Match all pairs").click()  # and again, to its end
+    h.until("workbench.store.flow?.mean", 60)
+    assert h.get("workbench.store.flow.fields") == 59 and h.said == []
+
+
+def test_a_track_of_the_command_line_is_plotted_without_tracking_again(tmp_path, browser, served, monkeypatch):
+    folder = tmp_path / "drop"
+    falling(folder, lost=(7,))
+    toml = 'schema = 1\n[rod_video]\nfile = "rod.npy"\nframe_rate = 100.0\nscale = 1e-3\n'
+    toml += '[rod_corrections]\nfile = "corrections.csv"\n'
+    (folder / "experiment.toml").write_text(toml)
+    (folder / "corrections.csv").write_text("frame,x_px,y_px,sigma_px\n7,60,44.7,0.5\n")
+    anew = Benches(folder)
+    draft = draft_of({"corrections": {"7": [60, 44.7]}})
+    anew.bench.follow(draft)
+    while anew.bench.following.running:
+        time.sleep(0.02)
+    expected = anew.bench.motion(draft).columns()
+    anew.close()
+    assert main(["track", str(folder), "--no-pictures"]) == 0
+    monkeypatch.setattr(BallFilm, "see", None)  # nothing follows a ball any more
+    monkeypatch.setattr(BallFilm, "tracks", None)
+    s = served(folder)
+    h = Hand(browser, s)
+    h.until("workbench.store.track.rows.length === 20")
+    h.click("#tab-plot")
+    h.until("workbench.store.columns")
+    found = h.get("workbench.store.columns.table")
+    assert s.benches.bench.following is None and set(found) == set(expected.table)
+    for name, values in expected.table.items():
+        assert json.loads(json.dumps(plain(values))) == found[name], name  # to the last bit
+    assert h.said == []
+    motion, b = (lambda d: s.benches.bench.motion(draft_of(d))), {"corrections": {"7": [60, 44.7]}}
+    with pytest.raises(InputError, match="correction of frame 7 is taken away"):
+        motion({})
+    for values in ({"params.track": {"search": 3.0}}, {"rod_video": {"exposure": 1e-3}}):
+        with pytest.raises(InputError, match="made with other values"):
+            motion(b | {"values": values})
+    twice = motion(b | {"values": {"rod_video": {"scale": 2e-3}}}).columns().table["height_m"]
+    np.testing.assert_allclose(np.array(twice, float), 2 * np.array(expected.table["height_m"], float), rtol=1e-9)
+
+
+def test_after_another_experiment_the_track_is_there_still(tmp_path, browser, served, monkeypatch):
+    for name in ("a", "b"):
+        (tmp_path / "drops").mkdir(exist_ok=True)
+        falling(tmp_path / "drops" / name)
+    h = Hand(browser, served(tmp_path / "drops"))
+    h.page.keyboard.press("t")
+    h.until("workbench.store.track.finished && workbench.store.track.rows.length === 20")
+    track = h.get("workbench.store.track.rows")
+    monkeypatch.setattr(BallFilm, "see", None)
+    monkeypatch.setattr(BallFilm, "tracks", None)
+    h.page.select_option("#experiment", "b")
+    h.until("workbench.store.state.name === 'b' && workbench.store.track.rows.length === 0")
+    h.page.select_option("#experiment", "a")
+    h.until("workbench.store.state.name === 'a' && workbench.store.track.rows.length === 20")
+    assert h.get("workbench.store.track.rows") == track and h.get("workbench.store.track.finished")
+    h.click("#tab-plot")
+    h.until("workbench.store.columns")
+    assert len(h.get("workbench.store.columns.table.frame")) == 20 and h.said == []
 
 
 def test_a_report_is_shown_inside_and_a_warning_goes_to_its_frame(tmp_path, browser, served):

@@ -42,7 +42,7 @@ from .earlier import Before, Earlier, FoundBefore
 from .films import Shown
 from .flowing import Asked, Flowing
 from .flowing import Shown as Flow
-from .following import Following, Row, section_of
+from .following import Following, Row, balls_of, section_of
 from .glance import Row as Glanced
 from .glance import glance, small
 from .logs import Trace, traces
@@ -244,7 +244,7 @@ class Bench:
 
     def motion(self, draft: Draft, body: int = 1) -> Motion:
         """A body that was followed, measured with the values of the draft."""
-        made, run = self.composed(draft), self.following
+        made, run = self.composed(draft), self.following or self.before
         film = made.section(RodVideo)
         if film is None or run is None:
             raise InputError(["track: none yet; track the film first"])
@@ -257,6 +257,8 @@ class Bench:
             body,
         )
         if self._motion is None or self._motion[0] != key:
+            if isinstance(run, FoundBefore):
+                run.refuse_without(draft.corrections)
             found = run.found(film, calibration, p, rate)
             read = section_of(film, calibration, rate)
             if read.scale == SCALE_OF_PIXELS:
@@ -279,7 +281,10 @@ class Bench:
         """What a run of it, alone or with its campaign, left; the track and vectors that still hold are taken."""
         found = Before(self.folder, whole)
         if not self.following and "rod_video" in self.films:
-            self.before = found.track()
+            made = self.composed(Draft())
+            film, calibration = made.section(RodVideo), made.section(Calibration)
+            section = section_of(film, calibration, self._rate("rod_video"))
+            self.before = found.track(balls_of(section, calibration, made.params(TrackParams)))
         if "grain_video" in self.films and not (self.flowing.batch and self.flowing.batch.running):
             asked = Asked.of(self.composed(Draft()), self._own_rate("grain_video"))
             self.flowing.batch = found.flow(asked) or self.flowing.batch
@@ -327,6 +332,7 @@ class Benches:
             first = next((b for b in map(Bench, below) if b.films), first) if not first.films else first
         self.bench, self.running = first, None  # type: Bench, Running | None
         self._given, self.adding = folder, None  # type: Path, Adding | None
+        self._tracks = dict[Path, Following]()  # of experiments that lay on the bench
         self._lock = threading.Lock()
 
     @property
@@ -370,7 +376,9 @@ class Benches:
     def change(self, name: str) -> None:
         """Take another experiment onto the bench."""
         folder = self._folder(name)
-        self._take(Bench(folder, self.only if folder == self._given else ""))
+        bench = Bench(folder, self.only if folder == self._given else "")
+        bench.following = self._tracks.get(folder)
+        self._take(bench)
 
     def as_role(self, section: str, role: str) -> None:
         """Take a film for another kind."""
@@ -380,6 +388,8 @@ class Benches:
         with self._lock:
             old, self.bench = self.bench, bench
             old.close()
+            if old.following:
+                self._tracks[old.folder] = old.following
 
     def run(self) -> None:
         """`jumpvision run` on all of it."""
