@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import http.client
 import json
 import os
 import shutil
+import subprocess
 import threading
 import time
 import tomllib
@@ -32,6 +34,7 @@ from jumpvision.experiment.results.tables import Profiles
 from jumpvision.experiment.stages.grains.flow import derivatives
 from jumpvision.experiment.stages.grains.statistics import along_line
 from jumpvision.experiment.stages.track import BallFilm
+from jumpvision.experiment.workflow.cluster import SELF
 from jumpvision.films.grains.dataset import as_matched
 
 ROWS, COLUMNS = 120, 176  # px; never square
@@ -681,3 +684,44 @@ def test_a_diagnosis_says_how_far_its_models_miss_a_jump():
     texts = said(d, "b")
     assert texts[:2] == ["model: height +2.00 mm", "extended model: height +0.10 mm"] and "flight, -3.00 mm" in texts[2]
     assert said(d, "a") == said(None, "b") == []
+
+
+@pytest.mark.long
+def test_memory_is_flat_however_long_the_film_is(tmp_path, browser):
+    """Peak of the server's process, in its own: a hand scrubs, then every frame is asked for once."""
+    if not Path("/proc/self/status").exists():
+        pytest.skip("the peak of another process is read in /proc, which this system has not")
+    peaks = {n: scrubbed(tmp_path / str(n), n, browser) for n in (1000, 10_000)}
+    assert peaks[10_000] <= 1.10 * peaks[1000], peaks
+
+
+def scrubbed(folder: Path, n: int, browser) -> float:
+    """Largest resident memory [MiB] of a server that showed all of a film of n frames, 96 x 64 px."""
+    folder.mkdir()
+    out = cv2.VideoWriter(str(folder / "rod.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 100.0, (96, 64))
+    for k in range(n):
+        image = np.full((64, 96, 3), 30, np.uint8)
+        out.write(cv2.circle(image, (48, int(32 + 16 * np.sin(k / 30))), 8, (200, 200, 200), -1, cv2.LINE_AA))
+    out.release()
+    command = [*SELF, "open", str(folder), "--no-browser", "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as run:
+        try:
+            h = Hand(browser, SimpleNamespace(address=(address := run.stdout.readline().strip())))
+            box = h.page.locator("#scrub").bounding_box()
+            at = box["y"] + box["height"] / 2
+            h.page.mouse.move(box["x"] + 8, at)
+            h.page.mouse.down()
+            for share in (0.97, 0.1, 0.6, 0.3, 0.9):  # forth and back
+                h.page.mouse.move(box["x"] + share * box["width"], at, steps=25)
+            h.page.mouse.up()
+            h.until(f"workbench.store.frame > {0.8 * n} && workbench.player.shown === workbench.store.frame")
+            h.page.context.close()
+            asking = http.client.HTTPConnection(*address.split("/")[2].split(":"))
+            for k in range(n):
+                asking.request("GET", f"/{address.split('/', 3)[3]}api/frame/rod_video/{k}/96.jpg")
+                reply = asking.getresponse()
+                assert reply.read()[:2] == b"\xff\xd8" and reply.status == 200
+            status = Path(f"/proc/{run.pid}/status").read_text()
+            return int(status.partition("VmHWM:")[2].split()[0]) / 1024
+        finally:
+            run.terminate()
