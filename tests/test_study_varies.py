@@ -132,3 +132,29 @@ def test_a_number_that_drifts_beside_a_force_that_passes_the_test_alone():
     found = jv.diagnose(some, pendulum.study())
     assert found.named == ("dry_friction",) and told(found)[0][:2] == ("W", "drift"), found.sentence
     assert found.varies[0].value / found.varies[0].declared == pytest.approx(1.0008, abs=1e-4)  # sigma 0.05e-3
+
+
+def loose(scatter, dry, n=10, seed=5):
+    """Pendulums let go at places in no order, whose W scatters by a share of itself, with dry friction."""
+    rng, out = np.random.default_rng(seed), []
+    each = 60.0 * (1.0 + scatter * rng.standard_normal(n))
+    for k, w in enumerate(each):
+        start = 0.3 + 0.08 * ((3 * k) % n)
+
+        def rate(_, s, w=w):
+            return [s[1], -w * np.sin(s[0]) - dry * np.tanh(s[1] / 0.02)]
+
+        span = (0.0, pendulum.T[-1])
+        y = solve_ivp(rate, span, [start, 0.0], "DOP853", pendulum.T, rtol=1e-9, atol=1e-11, max_step=5e-3).y[0]
+        values = y + 1e-3 * rng.standard_normal(y.size)
+        out.append(jv.Recording(f"swing {k}", pendulum.T, values, {"start": start}, order=k))
+    return out, float(np.std(each))
+
+
+def test_a_number_that_scatters_beside_a_force():
+    """Neither is all: with the force alone W is off in every swing, and scatter alone does not damp."""
+    some, spread = loose(0.004, 0.3)
+    found = jv.diagnose(some, pendulum.study())
+    assert found.named == ("dry_friction",) and told(found) == [("W", "scatter", ())], found.sentence
+    assert found.varies[0].low < spread < found.varies[0].high
+    assert found.status == "complete" and "scatters by" in found.sentence

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.stats import chi2
-from test_workbench import Page, asked, falling, served, until  # noqa: F401 (served is a fixture)
+from test_workbench import Page, asked, falling, hard, served, until  # noqa: F401 (served, hard: fixtures)
 
 from jumpvision.browser.workbench.bench import Benches
 from jumpvision.browser.workbench.draft import draft_of
@@ -414,3 +414,25 @@ def test_a_frame_is_seen_within_50_ms_of_the_hand(tmp_path, served, browser):  #
         out.push(performance.now() - t); } return out; }""")
     assert np.percentile(took, 95) <= 50, np.percentile(took, [50, 95])
     p.page.context.close()
+
+
+def test_the_simulated_jump_lies_over_the_film_with_its_residual(hard, served, browser):  # noqa: F811
+    """Of the last run: its residual is the track's height less that of simulation.csv, both from rest."""
+    results = hard.parent / "results" / "hard"
+    assert main(["simulate", str(hard), "--no-pictures"]) == 0
+    page = Hand(browser, served(hard))
+    page.page.keyboard.press("t")
+    page.until("!workbench.store.track.running && workbench.store.track.rows.length > 700")
+    page.page.click("#tab-plot")
+    page.page.wait_for_selector("button[data-curve=simulated]:visible")
+    page.page.click("button[data-curve=simulated]")
+    page.until("!!workbench.store.fit?.column")
+    track, jump = (
+        np.genfromtxt(results / f, delimiter=",", names=True, dtype=None) for f in ("track.csv", "simulation.csv")
+    )
+    height = np.interp(track["time_s"], jump["time_s"], jump["rod_m"] - jump["rod_m"][0], left=np.nan, right=np.nan)
+    found = np.array(page.get("workbench.store.fit.residual"), float)
+    assert np.allclose(found, track["height_m"] - height, atol=1e-12, equal_nan=True) and np.isfinite(found).sum() > 600
+    assert "rms of" in page.page.inner_text("#numbers") and "As the last run simulated it" in page.page.inner_text(
+        "#step-plot"
+    )

@@ -33,6 +33,7 @@ from jumpvision.experiment.inputs.sections import (
     RodCorrections,
     RodVideo,
 )
+from jumpvision.experiment.results.tables import Simulation
 from jumpvision.experiment.stages.recordings import SCALE_OF_PIXELS
 from jumpvision.films.parameters import BedParams, TrackParams
 
@@ -47,7 +48,7 @@ from .glance import Row as Glanced
 from .glance import glance, small
 from .logs import Trace, traces
 from .matching import BedLine, bed_line
-from .plotting import Motion
+from .plotting import Fitted, Motion
 from .running import Running
 from .why import Why, why
 
@@ -401,6 +402,14 @@ class Benches:
     def earlier(self) -> Earlier:
         """What the last run left of what lies on the bench."""
         return self.bench.earlier(self.whole).seen()
+
+    def simulated(self, draft: Draft) -> Fitted:
+        """The jump that the last run simulated, beside the one that is followed."""
+        there = Before(self.bench.folder, self.whole).record(Simulation)
+        if there is None:
+            raise InputError(["simulation.csv: none that still holds; write and run the experiment first"])
+        t = there.table
+        return self.bench.motion(draft).simulated(t.time_s.to_numpy(float), t.rod_m.to_numpy(float))
 
     def glance(self) -> list[Glanced]:
         """All experiments in a row each."""

@@ -18,7 +18,7 @@ from jumpvision.experiment.campaign.folder import results_of
 from jumpvision.experiment.inputs.experiment import EXPERIMENT, open_experiment
 from jumpvision.experiment.inputs.sections import Calibration, RodVideo
 from jumpvision.experiment.results.fields import Piv, Statistics
-from jumpvision.experiment.results.tables import Track
+from jumpvision.experiment.results.tables import Simulation, Track
 from jumpvision.experiment.stages.recordings import open_film
 from jumpvision.experiment.stages.track import BallFilm, Followed
 from jumpvision.experiment.workflow.provenance import read_provenance
@@ -36,8 +36,8 @@ HOLDS, CHANGED = "as the last run left it", "what it rests on has changed since 
 
 @dataclass(frozen=True)
 class Earlier:
-    """results: the folder; report: whether a page lies there; warnings: of its stages; held: which of track and vectors
-    still are what the experiment on the disk gives; changed: which are not."""
+    """results: the folder; report: whether a page lies there; warnings: of its stages; held: which of track, vectors
+    and simulation still are what the experiment on the disk gives; changed: which are not."""
 
     results: str
     report: bool
@@ -130,7 +130,7 @@ class Before:
 
     def seen(self) -> Earlier:
         """All of it, for the page."""
-        known = {k.file: self.holds(k) for k in (Track, Piv)}
+        known = {k.file: self.holds(k) for k in (Track, Piv, Simulation)}
         return Earlier(
             results=str(self.results),
             report=(self.results / files.REPORT).exists(),

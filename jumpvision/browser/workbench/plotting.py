@@ -208,6 +208,32 @@ class Motion:
             **self._in_film(part.y, curve - y.values),
         )
 
+    def simulated(self, time: Array, rod: Array) -> Fitted:
+        """The jump as the last run simulated it, from the same rest: rod (m,) [m], up, at time (m,) [s]."""
+        if self.unit != "m" or "height_m" not in self.result:
+            raise InputError(["[rod_video] scale: missing; a simulated jump is in metres"])
+        t, y = self.measured["time"].values, self.measured["y"]
+        rest = float(np.nanmedian(y.values - self.result.height_m.to_numpy(float)))
+        curve = rest + np.interp(t, time, rod - rod[0], left=np.nan, right=np.nan)
+        residual = y.values - curve
+        good = np.isfinite(residual)
+        if not good.any():
+            raise InputError(["simulation.csv: has no time in common with the film; see [rod_video] start"])
+        rms = float(np.sqrt(np.mean(residual[good] ** 2)))
+        return Fitted(
+            formula="height of the rod in simulation.csv",
+            begin=float(t[good][0]),
+            parameters=[],
+            said="",
+            rms=rms,
+            rms_text=f"{1e3 * rms:.2g} mm",
+            excess=float(np.mean((residual[good] / y.sigma[good]) ** 2)),
+            frames=int(good.sum()),
+            curve=curve,
+            residual=residual,
+            **self._in_film("y", -residual),
+        )
+
     def _in_film(self, name: str, off: Array) -> dict[str, Array | None]:
         """Where the ball would be seen if its x or y [unit] were that much more."""
         if name not in ("x", "y"):

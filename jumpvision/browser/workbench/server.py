@@ -140,6 +140,10 @@ def _fit(b: Benches, q: Question) -> object:
     return _motion(b, q).fit(part)
 
 
+def _simulated(b: Benches, q: Question) -> object:
+    return b.simulated(draft_of(q.get("draft")))
+
+
 def _keep(b: Benches, q: Question) -> object:
     b.bench.keep(q.get("page"))
     return {}
@@ -192,6 +196,7 @@ QUESTIONS: dict[str, Callable[[Benches, Question], object]] = {
     "/api/bed": lambda b, q: b.bench.bed(draft_of(q.get("draft")), _whole(q, "frame")),
     "/api/columns": lambda b, q: _motion(b, q).columns(),
     "/api/fit": _fit,
+    "/api/simulated": _simulated,
     "/api/keep": _keep,
     "/api/logs": lambda b, q: b.bench.logs(draft_of(q.get("draft"))),
     "/api/open": _change,

@@ -15,6 +15,15 @@ const ys = element("select", {}), xs = element("select", {});
 const from = element("input", { type: "text", inputMode: "decimal", autocomplete: "off" }), to = from.cloneNode();
 const stage = element("div", { className: "plot", id: "plot", data: { role: "img" } }), rest = element("div", { className: "plot", id: "residual", data: { role: "img", "aria-label": "Residuals" } });
 const curves = CURVES.map(([name, words]) => { const b = button(words, () => choose({ curve: store.plot.curve === name ? "" : name })); b.dataset.curve = name; return b; });
+const jump = button("Simulated jump", () => { // of the last run: height against time, whole
+  Object.assign(store.plot, { x: "time", y: "y", part: null, curve: store.plot.curve === "simulated" ? "" : "simulated" });
+  draw();
+  fit();
+  emit("plot");
+});
+Object.assign(jump, { hidden: true }).dataset.curve = "simulated";
+curves.push(jump);
+on("earlier section", () => { jump.hidden = !store.earlier?.held.includes("simulation.csv"); });
 const said = element("p", { id: "said", data: { "aria-live": "polite" } }), numbers = element("dl", { id: "numbers" }), note = element("p", { className: "note" });
 const none = element("div", {}, element("p", { id: "unplotted", data: { "aria-live": "polite" } }), element("div", { className: "buttons" }, button("Track the film", () => track(), "main")));
 const body = element("select", {}), which = row("Body", body);
@@ -102,10 +111,12 @@ const fit = latest(async () => {
   if (!curve || !store.columns) { store.fit = null; } else {
     const [low, high] = part ?? whole();
     try {
-      store.fit = await post("api/fit", { draft: store.draft, body: store.plot.body ?? 1, x, y, low, high, curve });
+      store.fit = curve === "simulated" ? await post("api/simulated", { draft: store.draft })
+        : await post("api/fit", { draft: store.draft, body: store.plot.body ?? 1, x, y, low, high, curve });
       note.className = "note";
       const shared = store.fit.parameters.at(store.fit.said ? -1 : 0);
-      note.textContent = store.fit.excess > 1.5 ? `The points scatter ${Math.sqrt(store.fit.excess).toFixed(1)} times as far as their own sigma says, or the curve is another one; every ± is larger by that.`
+      note.textContent = !shared ? "As the last run simulated it, from the same rest; no number of it was fitted here."
+        : store.fit.excess > 1.5 ? `The points scatter ${Math.sqrt(store.fit.excess).toFixed(1)} times as far as their own sigma says, or the curve is another one; every ± is larger by that.`
         : shared.sigma_common > 0.7 * shared.sigma ? "Most of the ± is that of the scale: a longer ruler makes it smaller." : "";
     } catch (e) {
       store.fit = null;
@@ -177,7 +188,7 @@ const common = (width, height, x, y) => {
   const axis = (words, size) => ({ label: words, labelSize: 20, size, stroke: colour("--ink"), font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif",
     grid: { stroke: colour("--line"), width: 1 }, ticks: { stroke: colour("--line"), width: 1, size: 4 } });
   return { width, height, legend: { show: false }, cursor: { drag: { x: false, y: false }, points: { show: false }, y: false },
-    scales: { x: { time: false, range: () => whole() } }, axes: [axis(x, 34), { ...axis(y, 56), values: (_, v) => v.map((a) => (a === null ? "" : String(Number(a.toPrecision(6))))) }], hooks: { draw: [frameMark], ready: [(u) => { if (store.plot.part) mark(u); }] } };
+    scales: { x: { time: false, range: () => whole() } }, axes: [axis(x, 34), { ...axis(y, 56), space: 22, values: (_, v) => v.map((a) => (a === null ? "" : String(Number(a.toPrecision(6))))) }], hooks: { draw: [frameMark], ready: [(u) => { if (store.plot.part) mark(u); }] } };
 };
 
 function frameMark(u) { // the frame that the film shows
