@@ -91,7 +91,7 @@ def test_an_ensemble_of_double_exposures_is_their_mean(tmp_path, doubled):
     ("names", "more", "said"),
     [
         ([f"f{k}.png" for k in (0, 1, 3, 4, 5, 6)], PAIRS.format("order"), "a frame is missing after frame 1"),
-        ([f"f{k}.png" for k in range(6)], 'pairs = "order"\n', "pair_time: missing beside pairs"),
+        ([f"f{k}.png" for k in range(6)], 'pairs = "order"\n', r"\[grain_video\] pair_time"),
         (
             [f"f{k}.png" for k in range(6)],
             'pairs = "order"\npair_time = 0.2\n',

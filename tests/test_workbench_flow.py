@@ -2,27 +2,39 @@
 
 from __future__ import annotations
 
+import http.client
 import json
 import os
+import shutil
+import subprocess
 import threading
 import time
 import tomllib
 import urllib.request
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 import xarray as xr
 
+import jumpvision as jv
+from jumpvision.base.record import plain
+from jumpvision.base.schema import InputError
 from jumpvision.browser.workbench.bench import Benches
 from jumpvision.browser.workbench.draft import draft_of
-from jumpvision.browser.workbench.flowing import OF_ONE, Asked
+from jumpvision.browser.workbench.flowing import OF_ONE, Asked, Batch
 from jumpvision.browser.workbench.server import Server
+from jumpvision.browser.workbench.why import said
 from jumpvision.cli import main
+from jumpvision.engine.document.values import Cell, Height
+from jumpvision.experiment.init.recognise import recordings
 from jumpvision.experiment.results.tables import Profiles
 from jumpvision.experiment.stages.grains.flow import derivatives
 from jumpvision.experiment.stages.grains.statistics import along_line
+from jumpvision.experiment.stages.track import BallFilm
+from jumpvision.experiment.workflow.cluster import SELF
 from jumpvision.films.grains.dataset import as_matched
 
 ROWS, COLUMNS = 120, 176  # px; never square
@@ -138,6 +150,35 @@ def test_double_exposures_are_matched_as_the_stage_does(tmp_path):
         same(s.values, of_file(results / "piv.nc", k).u.values)
         assert s.frame == 2 * k
     b.close()
+
+
+def many_pairs(folder: Path, n: int = 3) -> Path:
+    """Double exposures: what moves is one vortex from A to B, another one from pair to pair."""
+    folder.mkdir()
+    for k in range(n):
+        for name, frame in zip("AB", vortex(2, seed=k)):
+            cv2.imwrite(str(folder / f"Jet_{k:04d}{name}.png"), frame)
+    return folder
+
+
+def test_a_folder_of_many_pairs_is_drafted_as_pairs_by_their_names(tmp_path):
+    folder = many_pairs(tmp_path / "jet")
+    assert main(["init", str(folder)]) == 0
+    text = (folder / "experiment.toml").read_text()
+    given = tomllib.loads(text)["grain_video"]
+    assert given["file"] == "Jet_*[AB].png" and given["pairs"] == "names" and "# pair_time = " in text
+    with pytest.raises(InputError, match="pair_time"):
+        jv.piv(folder)  # the time from A to B is nobody's guess
+    (folder / "experiment.toml").write_text(text.replace("# pair_time = ", "frame_rate = 10.0\npair_time = 1e-3"))
+    found = jv.piv(folder).field
+    assert found.sizes["t"] == 3
+    for name, count in (("aside", 4), ("alone", 2)):  # a letter that is part of a word is none
+        (tmp_path / name).mkdir()
+        for f in sorted(folder.glob("*.png"))[:count]:
+            letter = f.stem[-1] if name == "alone" else f"{f.stem[-2]}_data" if f.stem[-1] == "A" else f"{f.stem[-2]}_b"
+            shutil.copy(f, tmp_path / name / f"jet_{letter}.png")
+    assert [(r.file, "pairs" in r.values) for r in recordings(tmp_path / "alone", {})[0]] == [("jet_[AB].png", False)]
+    assert not any("pairs" in r.values for r in recordings(tmp_path / "aside", {})[0])
 
 
 def test_a_map_has_the_sign_and_the_place_of_the_truth(tmp_path):
@@ -330,6 +371,37 @@ def test_from_two_pictures_to_a_vorticity_map_and_a_profile(tmp_path, browser, s
     assert h.said == []
 
 
+def test_a_folder_of_pairs_opens_as_pairs_and_their_time_is_typed(tmp_path, browser, served):
+    folder = many_pairs(tmp_path / "jet", 10)  # a mean needs as many
+    h = Hand(browser, served(folder))
+    assert h.page.get_by_label("Pictures", exact=True).input_value() == "names"
+    h.click("#act")
+    h.until("workbench.store.flow")
+    assert h.get("workbench.store.flow.speed") == "px/frame" and "Frames 0 and 1" in h.page.inner_text("#counts")
+    h.page.keyboard.press("End")  # B of the last pair: its partner is A of it, not the picture after
+    h.until("workbench.store.flow.frame === 18")
+    h.page.get_by_role("button", name="Match all pairs").click()
+    h.until("workbench.store.flow.mean")
+    assert h.page.get_by_text("Mean of 10 fields.").is_visible()
+    h.page.keyboard.press("1")
+    h.page.get_by_label("Frame rate [1/s]").filter(visible=True).fill("10")
+    h.page.get_by_label("From A to B [ms]").fill("2")
+    h.until("workbench.store.table.grain_video.pair_time === 0.002")
+    h.click("#tab-run")
+    h.click("#write")
+    h.page.wait_for_selector("text=Written:")
+    given = tomllib.loads((folder / "experiment.toml").read_text())["grain_video"]
+    assert {k: given[k] for k in ("pairs", "pair_time", "frame_rate")} == {
+        "pairs": "names",
+        "pair_time": 0.002,
+        "frame_rate": 10,
+    }
+    h.click("#tab-find")
+    h.until("workbench.store.flow && !workbench.store.flow.mean && workbench.store.flow.speed === 'px/s'")
+    same(h.get("workbench.store.flow.u"), of_file(stage("piv", folder) / "piv.nc", 9).u.values)
+    assert h.said == []
+
+
 def test_what_the_mouse_has_set_is_repeated_by_the_command_line(tmp_path, browser, served):
     folder = film(tmp_path / "film", 4)
     h = Hand(browser, served(folder))
@@ -375,6 +447,87 @@ def test_all_pairs_are_matched_with_progress_and_their_mean_is_shown(tmp_path, b
     h.page.select_option("#map", "tke")
     h.until("workbench.store.flow.name === 'tke'")
     assert h.get("workbench.store.flow.unit") == "px^2/s^2" and h.said == []
+
+
+def test_the_matching_of_all_pairs_is_stopped_by_its_button(tmp_path, browser, served, monkeypatch):
+    slow = Batch._told
+
+    def told(self, what, done, total):
+        time.sleep(0.05)
+        slow(self, what, done, total)
+
+    monkeypatch.setattr(Batch, "_told", told)
+    s = served(film(tmp_path / "film", 60))
+    h = Hand(browser, s)
+    h.page.keyboard.press("2")
+    h.page.get_by_role("button", name="Match all pairs").click()
+    h.until("document.querySelector('progress[aria-label=\"Pairs matched\"]').value > 2")
+    h.page.get_by_role("button", name="Stop", exact=True).filter(visible=True).click()
+    h.page.get_by_text("stopped", exact=True).wait_for()
+    batch = s.benches.bench.flowing.batch
+    assert not batch.running and batch.piv is None and 2 < batch.done < 59
+    assert h.page.get_by_role("button", name="Match all pairs").is_enabled()
+    monkeypatch.undo()
+    h.page.get_by_role("button", name="Match all pairs").click()  # and again, to its end
+    h.until("workbench.store.flow?.mean", 60)
+    assert h.get("workbench.store.flow.fields") == 59 and h.said == []
+
+
+def test_a_track_of_the_command_line_is_plotted_without_tracking_again(tmp_path, browser, served, monkeypatch):
+    folder = tmp_path / "drop"
+    falling(folder, lost=(7,))
+    toml = 'schema = 1\n[rod_video]\nfile = "rod.npy"\nframe_rate = 100.0\nscale = 1e-3\n'
+    toml += '[rod_corrections]\nfile = "corrections.csv"\n'
+    (folder / "experiment.toml").write_text(toml)
+    (folder / "corrections.csv").write_text("frame,x_px,y_px,sigma_px\n7,60,44.7,0.5\n")
+    anew = Benches(folder)
+    draft = draft_of({"corrections": {"7": [60, 44.7]}})
+    anew.bench.follow(draft)
+    while anew.bench.following.running:
+        time.sleep(0.02)
+    expected = anew.bench.motion(draft).columns()
+    anew.close()
+    assert main(["track", str(folder), "--no-pictures"]) == 0
+    monkeypatch.setattr(BallFilm, "see", None)  # nothing follows a ball any more
+    monkeypatch.setattr(BallFilm, "tracks", None)
+    s = served(folder)
+    h = Hand(browser, s)
+    h.until("workbench.store.track.rows.length === 20")
+    h.click("#tab-plot")
+    h.until("workbench.store.columns")
+    found = h.get("workbench.store.columns.table")
+    assert s.benches.bench.following is None and set(found) == set(expected.table)
+    for name, values in expected.table.items():
+        assert json.loads(json.dumps(plain(values))) == found[name], name  # to the last bit
+    assert h.said == []
+    motion, b = (lambda d: s.benches.bench.motion(draft_of(d))), {"corrections": {"7": [60, 44.7]}}
+    with pytest.raises(InputError, match="correction of frame 7 is taken away"):
+        motion({})
+    for values in ({"params.track": {"search": 3.0}}, {"rod_video": {"exposure": 1e-3}}):
+        with pytest.raises(InputError, match="made with other values"):
+            motion(b | {"values": values})
+    twice = motion(b | {"values": {"rod_video": {"scale": 2e-3}}}).columns().table["height_m"]
+    np.testing.assert_allclose(np.array(twice, float), 2 * np.array(expected.table["height_m"], float), rtol=1e-9)
+
+
+def test_after_another_experiment_the_track_is_there_still(tmp_path, browser, served, monkeypatch):
+    for name in ("a", "b"):
+        (tmp_path / "drops").mkdir(exist_ok=True)
+        falling(tmp_path / "drops" / name)
+    h = Hand(browser, served(tmp_path / "drops"))
+    h.page.keyboard.press("t")
+    h.until("workbench.store.track.finished && workbench.store.track.rows.length === 20")
+    track = h.get("workbench.store.track.rows")
+    monkeypatch.setattr(BallFilm, "see", None)
+    monkeypatch.setattr(BallFilm, "tracks", None)
+    h.page.select_option("#experiment", "b")
+    h.until("workbench.store.state.name === 'b' && workbench.store.track.rows.length === 0")
+    h.page.select_option("#experiment", "a")
+    h.until("workbench.store.state.name === 'a' && workbench.store.track.rows.length === 20")
+    assert h.get("workbench.store.track.rows") == track and h.get("workbench.store.track.finished")
+    h.click("#tab-plot")
+    h.until("workbench.store.columns")
+    assert len(h.get("workbench.store.columns.table.frame")) == 20 and h.said == []
 
 
 def test_a_report_is_shown_inside_and_a_warning_goes_to_its_frame(tmp_path, browser, served):
@@ -471,9 +624,104 @@ def test_a_campaign_at_a_glance_marks_what_stands_out_and_opens_it(tmp_path, bro
     h.click("#glance-open")
     h.page.wait_for_selector("#glance tbody tr")
     first = h.page.locator("#glance tbody tr").first
-    assert first.inner_text().split("\t")[2:] == ["b", "single", "30.00 ± 0.10", "+1.00", "1 warning"]
+    assert first.inner_text().split("\t")[2:] == ["b", "single", "30.00 ± 0.10", "+1.00", "1 warning", ""]
     h.until("[...document.querySelectorAll('#glance img')].every((i) => i.complete && i.naturalWidth > 0)")
     assert h.page.locator("#glance tr.odd").count() == 1
     h.page.get_by_role("button", name="c", exact=True).click()
     h.until("workbench.store.state.name === 'c'")
     assert h.said == []
+
+
+def test_why_a_jump_stands_out_is_shown_of_its_results(tmp_path, browser, served):
+    """Residual, the film's frame where it is greatest, and the log, side by side; the results stay as they are."""
+    t, campaign = np.arange(20) / 100, tmp_path / "drops"
+    campaign.mkdir()
+    for name in ("a", "b"):
+        falling(campaign / name)
+        toml = '[rod_video]\nfile = "rod.npy"\nframe_rate = 100.0\nscale = 1e-3\n[motor_log]\nfile = "motor.csv"\n'
+        (campaign / name / "experiment.toml").write_text(f"schema = 1\n{toml}")
+        rows = "".join(f"{s:.3f},{0.001 * (k > 9)}\n" for k, s in enumerate(t))
+        (campaign / name / "motor.csv").write_text(f"time_s,position_m\n{rows}")
+        results = tmp_path / "results" / "drops" / name
+        results.mkdir(parents=True)
+        height = -0.0003 * np.arange(20.0) ** 2
+        missed = 0.004 * np.exp(-((np.arange(20) - 13.0) ** 2))  # measured less simulated, greatest in frame 13
+        lines = [f"{s},{h + m if name == 'b' else h},1e-5" for s, h, m in zip(t, height, missed)]
+        (results / "rod.csv").write_text("\n".join(["time_s,height_m,sigma_m", *lines, ""]))
+        lines = [f"{s},{0.2 + h},0,0,0,0" for s, h in zip(t, height)]
+        (results / "simulation.csv").write_text(
+            "\n".join(["time_s,rod_m,foot_m,motor_m,ground_N,spring_N", *lines, ""])
+        )
+        lines = [f"{k},{s},60,{30 + 0.3 * k * k},0.1,0,1e-5," for k, s in enumerate(t)]
+        head = "frame,time_s,x_px,y_px,sigma_px,height_m,sigma_m,flag"
+        (results / "track.csv").write_text("\n".join([head, *lines, ""]))
+        (results / "summary.json").write_text(json.dumps({"experiment": name, "kind": "single", "jump_height_m": 0.03}))
+    kept = {f: f.read_bytes() for f in sorted((tmp_path / "results").rglob("*")) if f.is_file()}
+    h = Hand(browser, served(campaign))
+    h.click("#glance-open")
+    h.page.get_by_role("button", name="Why b").click()
+    h.page.get_by_text("b: greatest residual 4.00 mm at 0.130 s").wait_for()
+    found = h.get("workbench.store.why")
+    assert found["frame"] == 13 and found["greatest"] == pytest.approx(0.004, abs=1e-9)
+    np.testing.assert_allclose(found["y"], missed, atol=1e-12)
+    h.until("document.querySelector('#why img').naturalWidth > 0")
+    panels = h.page.locator("#why figure")
+    assert panels.count() == 3 and "position (motor_log)" in panels.nth(2).inner_text()
+    assert len({round(panels.nth(k).bounding_box()["y"]) for k in range(3)}) == 1  # side by side
+    assert h.get("[...document.querySelectorAll('#why figure')].every((f) => f.scrollWidth <= f.clientWidth)")
+    if place := os.environ.get("JUMPVISION_SCREENSHOTS"):
+        h.page.screenshot(path=f"{place}/why.png")
+    h.page.get_by_role("button", name="Why a").click()
+    h.page.get_by_text("a: greatest residual 0.00 mm").wait_for()
+    now = {f: f.read_bytes() for f in sorted((tmp_path / "results").rglob("*")) if f.is_file()}
+    assert now == kept and h.said == []
+
+
+def test_a_diagnosis_says_how_far_its_models_miss_a_jump():
+    heights = [Height("b", "single", 7.0, None, 0.57, 0.030, 1e-5, 0.032, 0.0301)]
+    cells = [Cell("single", "flight", -0.003, 9.0, 0.0, 9), Cell("stutter", "rest", 0.1, 9.0, 0.0, 9)]
+    d = SimpleNamespace(heights=heights, where=cells)
+    texts = said(d, "b")
+    assert texts[:2] == ["model: height +2.00 mm", "extended model: height +0.10 mm"] and "flight, -3.00 mm" in texts[2]
+    assert said(d, "a") == said(None, "b") == []
+
+
+@pytest.mark.long
+def test_memory_is_flat_however_long_the_film_is(tmp_path, browser):
+    """Peak of the server's process, in its own: a hand scrubs, then every frame is asked for once."""
+    if not Path("/proc/self/status").exists():
+        pytest.skip("the peak of another process is read in /proc, which this system has not")
+    peaks = {n: scrubbed(tmp_path / str(n), n, browser) for n in (1000, 10_000)}
+    assert peaks[10_000] <= 1.10 * peaks[1000], peaks
+
+
+def scrubbed(folder: Path, n: int, browser) -> float:
+    """Largest resident memory [MiB] of a server that showed all of a film of n frames, 96 x 64 px."""
+    folder.mkdir()
+    out = cv2.VideoWriter(str(folder / "rod.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 100.0, (96, 64))
+    for k in range(n):
+        image = np.full((64, 96, 3), 30, np.uint8)
+        out.write(cv2.circle(image, (48, int(32 + 16 * np.sin(k / 30))), 8, (200, 200, 200), -1, cv2.LINE_AA))
+    out.release()
+    command = [*SELF, "open", str(folder), "--no-browser", "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as run:
+        try:
+            h = Hand(browser, SimpleNamespace(address=(address := run.stdout.readline().strip())))
+            box = h.page.locator("#scrub").bounding_box()
+            at = box["y"] + box["height"] / 2
+            h.page.mouse.move(box["x"] + 8, at)
+            h.page.mouse.down()
+            for share in (0.97, 0.1, 0.6, 0.3, 0.9):  # forth and back
+                h.page.mouse.move(box["x"] + share * box["width"], at, steps=25)
+            h.page.mouse.up()
+            h.until(f"workbench.store.frame > {0.8 * n} && workbench.player.shown === workbench.store.frame")
+            h.page.context.close()
+            asking = http.client.HTTPConnection(*address.split("/")[2].split(":"))
+            for k in range(n):
+                asking.request("GET", f"/{address.split('/', 3)[3]}api/frame/rod_video/{k}/96.jpg")
+                reply = asking.getresponse()
+                assert reply.read()[:2] == b"\xff\xd8" and reply.status == 200
+            status = Path(f"/proc/{run.pid}/status").read_text()
+            return int(status.partition("VmHWM:")[2].split()[0]) / 1024
+        finally:
+            run.terminate()

@@ -6,12 +6,14 @@ import re
 import secrets
 import socket
 import sys
+from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 
 from .schema import InputError
 
 HOST = "127.0.0.1"
+PIECE = 2**20  # bytes of what is sent that are in memory at a time
 TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 # of a page that holds all it needs: it reaches nothing, and none of this server's questions
 ALONE = (
@@ -112,17 +114,24 @@ class LocalHandler(BaseHTTPRequestHandler):
 
     def body(self, largest: int) -> bytes:
         """What was sent, JSON by its own word; Refused where its length [bytes] is not given, too large or not kept."""
+        return b"".join(self.pieces(largest, "application/json"))
+
+    def pieces(self, largest: int, kind: str) -> Iterator[bytes]:
+        """`body`, of a kind, as it comes."""
         said = self.headers.get_all("Content-Length", [])
         self.close_connection = True  # what is not read is not the next request
         if self._chunked or len(said) != 1 or not re.fullmatch("[0-9]{1,12}", said[0]) or int(said[0]) > largest:
             raise Refused(413, f"Content-Length: must be given once and at most {largest} bytes")
-        if self.headers.get_content_type() != "application/json":
-            raise Refused(415, "Content-Type: must be application/json")
-        body = self.rfile.read(int(said[0]))
-        if len(body) != int(said[0]):
-            raise Refused(400, f"Content-Length: {said[0]} bytes, but {len(body)} came")
+        if self.headers.get_content_type() != kind:
+            raise Refused(415, f"Content-Type: must be {kind}")
+        left = int(said[0])
+        while left:
+            piece = self.rfile.read(min(left, PIECE))
+            if not piece:
+                raise Refused(400, f"Content-Length: {said[0]} bytes, but {int(said[0]) - left} came")
+            left -= len(piece)
+            yield piece
         self.close_connection = self.headers.get("Connection", "").lower() == "close"
-        return body
 
     def send(self, status: int, kind: str, body: bytes, policy: str = POLICY) -> None:
         self.send_response(status)

@@ -18,7 +18,7 @@ from jumpvision.base.schema import InputError
 from jumpvision.base.storage import write_aside
 from jumpvision.experiment import files
 from jumpvision.experiment.campaign.folder import results_of
-from jumpvision.experiment.init.recognise import ANY_RATE, FILMS, Recording, ball, recognised, recordings
+from jumpvision.experiment.init.recognise import ANY_RATE, FILMS, KNOWN, Recording, ball, recognised, recordings
 from jumpvision.experiment.init.text import PICKED, RESULTS, Choices, drafted
 from jumpvision.experiment.inputs.experiment import CAMPAIGN, EXPERIMENT, folder_of
 from jumpvision.experiment.inputs.logs import read_log
@@ -37,18 +37,20 @@ from jumpvision.experiment.results.tables import Simulation
 from jumpvision.experiment.stages.recordings import SCALE_OF_PIXELS
 from jumpvision.films.parameters import BedParams, TrackParams
 
+from .adding import Adding
 from .draft import CORRECTIONS, HEAD, Composed, Draft, composed, placed
 from .earlier import Before, Earlier, FoundBefore
 from .films import Shown
 from .flowing import Asked, Flowing
 from .flowing import Shown as Flow
-from .following import Following, Row, section_of
+from .following import Following, Row, balls_of, section_of
 from .glance import Row as Glanced
 from .glance import glance, small
 from .logs import Trace, traces
 from .matching import BedLine, bed_line
 from .plotting import Fitted, Motion
 from .running import Running
+from .why import Why, why
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,7 @@ class Seen:
 @dataclass(frozen=True)
 class State:
     """All that the page begins with. given: tables of experiment.toml (or of its draft) and campaign.toml.
-    kept: what the page was when it was left."""
+    kept: what the page was when it was left. beside: folder in which a new one may be made; known: suffixes."""
 
     folder: str
     name: str
@@ -79,9 +81,12 @@ class State:
     corrections: dict[int, tuple[float, float]]
     notes: list[str]
     kept: object = None
+    beside: str = ""
+    known: tuple[str, ...] = KNOWN
 
 
 KEPT = "workbench.json"
+LARGER = 640  # px of a frame beside its residual
 
 
 class Bench:
@@ -240,7 +245,7 @@ class Bench:
 
     def motion(self, draft: Draft, body: int = 1) -> Motion:
         """A body that was followed, measured with the values of the draft."""
-        made, run = self.composed(draft), self.following
+        made, run = self.composed(draft), self.following or self.before
         film = made.section(RodVideo)
         if film is None or run is None:
             raise InputError(["track: none yet; track the film first"])
@@ -253,6 +258,8 @@ class Bench:
             body,
         )
         if self._motion is None or self._motion[0] != key:
+            if isinstance(run, FoundBefore):
+                run.refuse_without(draft.corrections)
             found = run.found(film, calibration, p, rate)
             read = section_of(film, calibration, rate)
             if read.scale == SCALE_OF_PIXELS:
@@ -275,7 +282,10 @@ class Bench:
         """What a run of it, alone or with its campaign, left; the track and vectors that still hold are taken."""
         found = Before(self.folder, whole)
         if not self.following and "rod_video" in self.films:
-            self.before = found.track()
+            made = self.composed(Draft())
+            film, calibration = made.section(RodVideo), made.section(Calibration)
+            section = section_of(film, calibration, self._rate("rod_video"))
+            self.before = found.track(balls_of(section, calibration, made.params(TrackParams)))
         if "grain_video" in self.films and not (self.flowing.batch and self.flowing.batch.running):
             asked = Asked.of(self.composed(Draft()), self._own_rate("grain_video"))
             self.flowing.batch = found.flow(asked) or self.flowing.batch
@@ -313,25 +323,63 @@ class Benches:
         folder = path if path.is_dir() else path.parent
         below = [] if self.only else [f for f in sorted(folder.iterdir()) if _holds_recordings(f)]
         own = bool(self.only) or (folder / EXPERIMENT).exists() or bool(recordings(folder, {})[0])
-        self.whole = folder
-        self.folders = {f.name: f for f in ([folder] if own or not below else below)}
+        self._campaign = None if own or not below else folder
+        self.folders = {f.resolve().name: f for f in ([folder] if own or not below else below)}
         if own and (folder.parent / CAMPAIGN).exists():
-            self.whole = folder.parent
+            self._campaign = folder.parent
             self.folders = {f.name: f for f in sorted(folder.parent.iterdir()) if _holds_recordings(f)}
         first = Bench(folder if own or not below else below[0], self.only)
         if not own:  # of a campaign the first with a film, as there is more to do
             first = next((b for b in map(Bench, below) if b.films), first) if not first.films else first
         self.bench, self.running = first, None  # type: Bench, Running | None
+        self._given, self.adding = folder, None  # type: Path, Adding | None
+        self._tracks = dict[Path, Following]()  # of experiments that lay on the bench
         self._lock = threading.Lock()
 
+    @property
+    def whole(self) -> Path:
+        """What is run and reported: the campaign, or what lies on the bench."""
+        return self._campaign or self.bench.folder
+
+    @property
+    def beside(self) -> Path:
+        """Where a new folder goes: beside the film, or beside the experiment."""
+        return self.bench.folder if self.bench.only else self._campaign or self.bench.folder.resolve().parent
+
     def state(self) -> State:
-        return replace(self.bench.state(), experiments=list(self.folders))
+        return replace(self.bench.state(), experiments=list(self.folders), beside=str(self.beside))
+
+    def add(self, name: str, files: Mapping[str, int]) -> None:
+        """Begin a new folder for files (name -> bytes); one that was left half-way is taken away."""
+        with self._lock:
+            if self.adding and self.adding.writing:
+                raise InputError(["files: others are being copied; wait for their end"])
+            self.stop_adding()
+            if name in self.folders:
+                raise InputError([f"folder = '{name}': an experiment of this name is open; give another name"])
+            self.adding = Adding(self.beside, name, files)
+
+    def stop_adding(self) -> str:
+        """Take away a folder that is not whole; why it is not."""
+        adding, self.adding = self.adding, None
+        if adding:
+            adding.stop()
+        return adding.problem if adding else ""
+
+    def added(self) -> None:
+        """Open the folder that is whole now."""
+        if self.adding is None:
+            raise InputError(["files: none were added"])
+        folder, self.adding = self.adding.done(), None
+        self._take(Bench(folder))
+        self.folders[folder.name] = folder
 
     def change(self, name: str) -> None:
         """Take another experiment onto the bench."""
-        if name not in self.folders:
-            raise InputError([f"experiment = '{name}': must be one of {', '.join(self.folders)}"])
-        self._take(Bench(self.folders[name]))
+        folder = self._folder(name)
+        bench = Bench(folder, self.only if folder == self._given else "")
+        bench.following = self._tracks.get(folder)
+        self._take(bench)
 
     def as_role(self, section: str, role: str) -> None:
         """Take a film for another kind."""
@@ -341,6 +389,8 @@ class Benches:
         with self._lock:
             old, self.bench = self.bench, bench
             old.close()
+            if old.following:
+                self._tracks[old.folder] = old.following
 
     def run(self) -> None:
         """`jumpvision run` on all of it."""
@@ -365,16 +415,23 @@ class Benches:
         """All experiments in a row each."""
         return glance(self.folders, self.whole)
 
-    def small(self, name: str) -> bytes:
-        """A small picture of an experiment's film."""
+    def why(self, name: str) -> Why:
+        """What its results say of one of the experiments."""
+        return why(name, self._folder(name), self.whole)
+
+    def small(self, name: str, frame: int | None) -> bytes:
+        """A small picture of an experiment's film; larger of a frame."""
+        return small(self._folder(name)) if frame is None else small(self._folder(name), frame, LARGER)
+
+    def _folder(self, name: str) -> Path:
         if name not in self.folders:
-            raise InputError([f"picture of '{name}': must be one of {', '.join(self.folders)}"])
-        return small(self.folders[name])
+            raise InputError([f"experiment = '{name}': must be one of {', '.join(self.folders)}"])
+        return self.folders[name]
 
     def report(self, name: str = "") -> bytes:
         """The page of the last run: of the whole, or of an experiment of it. InputError where there is none."""
-        if name and name not in self.folders:
-            raise InputError([f"report of '{name}': must be one of {', '.join(self.folders)}"])
+        if name:
+            self._folder(name)
         if name or self.whole == self.bench.folder:
             file = Before(self.folders.get(name, self.bench.folder), self.whole).results / files.REPORT
         else:
@@ -384,6 +441,7 @@ class Benches:
         return file.read_bytes()
 
     def close(self) -> None:
+        self.stop_adding()
         if self.running:
             self.running.stop()
         self.bench.close()

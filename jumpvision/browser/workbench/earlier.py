@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
+import pandas as pd
 
 from jumpvision.base.record import Record, RecordError
 from jumpvision.base.schema import InputError, Told
 from jumpvision.experiment import files
 from jumpvision.experiment.campaign.folder import results_of
 from jumpvision.experiment.inputs.experiment import EXPERIMENT, open_experiment
+from jumpvision.experiment.inputs.sections import Calibration, RodVideo
 from jumpvision.experiment.results.fields import Piv, Statistics
 from jumpvision.experiment.results.tables import Simulation, Track
+from jumpvision.experiment.stages.recordings import open_film
+from jumpvision.experiment.stages.track import BallFilm, Followed
 from jumpvision.experiment.workflow.provenance import read_provenance
 from jumpvision.experiment.workflow.stage import STAGES, import_all
 from jumpvision.experiment.workflow.workspace import Workspace
+from jumpvision.films.parameters import TrackParams
+from jumpvision.films.vision.ball.track import BallTrack
 
 from .flowing import Asked, MatchedBefore
-from .following import Row
+from .following import Row, balls_of, refuse_other, rows_of, section_of
 
 R = TypeVar("R", bound=Record)
 HOLDS, CHANGED = "as the last run left it", "what it rests on has changed since the last run"
@@ -40,9 +48,12 @@ class Earlier:
 
 @dataclass(frozen=True)
 class FoundBefore:
-    """A track of an earlier run, as `Following` gives one."""
+    """A track of an earlier run, as `Following` gives one. made: its tracker; by_hand: frames whose
+    sigma is that of a hand."""
 
-    final: list[Row]
+    tracks: tuple[BallTrack, ...]
+    made: BallFilm
+    by_hand: frozenset[int]
     notes: tuple[str, ...]
     running: bool = False
     finished: bool = True
@@ -51,7 +62,24 @@ class FoundBefore:
 
     def rows(self, since: int) -> list[Row]:
         """Frames from `since` on."""
-        return self.final[since:]
+        return rows_of(self.tracks[0])[since:]
+
+    def found(self, film: RodVideo, calibration: Calibration | None, p: TrackParams, rate: float) -> Followed:
+        """What was followed, on the clock of `film`; see `Following.found`."""
+        section = section_of(film, calibration, rate)
+        with warnings.catch_warnings(action="ignore"), open_film(section) as frames:
+            exposure, (rows, columns) = self.made.exposure(frames), frames.shape
+            done = Followed(list(self.tracks), frames.time + exposure / 2, exposure, (rows, columns))
+        refuse_other(balls_of(section, calibration, p), self.made, done)
+        if section.excluded(len(done.time)) != self.made.film.excluded(len(done.time)):
+            raise InputError(["track: the frames that are left out have changed since the run; track the film again"])
+        return done
+
+    def refuse_without(self, corrections: Collection[int]) -> None:
+        """InputError where a frame that was corrected is so no more: what was found there is not all in the file."""
+        if gone := sorted(self.by_hand - set(corrections)):
+            said = f"the correction of frame {gone[0]} is taken away since the run"
+            raise InputError([f"track: {said}; track the film again"])
 
 
 def places_of(folder: Path, whole: Path) -> tuple[Path, Path]:
@@ -111,23 +139,19 @@ class Before:
             changed=tuple(f for f, holds in known.items() if holds is False),
         )
 
-    def track(self) -> FoundBefore | None:
-        """The track, as it was found: what a hand has corrected is not in it."""
+    def track(self, made: BallFilm) -> FoundBefore | None:
+        """The track, as it was found: what a hand has corrected is not in it. made: the tracker of the experiment."""
         try:
             found = self.record(Track)
         except (RecordError, OSError, ValueError):
             return None
         if found is None:
             return None
-        t = found.table
-        by_hand = t.corrected.to_numpy(bool) if "corrected" in t else np.zeros(len(t), bool)
-        x, y = (np.where(by_hand, t.get(f"{c}_found_px", np.nan), t[f"{c}_px"]) for c in "xy")
-        flag = np.where(by_hand, t.get("flag_found", ""), t.flag.astype(object).fillna(""))
-        rows: list[Row] = [
-            (None, None, None, str(f)) if f and f == f else (float(a), float(b), float(s), "")
-            for a, b, s, f in zip(x, y, t.sigma_px, flag)
-        ]
-        return FoundBefore(rows, (f"{self.results / Track.file}, {HOLDS}",))
+        by_hand = found.table.get("corrected", pd.Series(0, found.table.index)).to_numpy(bool)
+        tracks = tuple(ball_of(t) for t in (found.table, *found.others))
+        return FoundBefore(
+            tracks, made, frozenset(np.flatnonzero(by_hand).tolist()), (f"{self.results / Track.file}, {HOLDS}",)
+        )
 
     def flow(self, asked: Asked) -> MatchedBefore | None:
         """The fields, and their mean where it is there."""
@@ -137,3 +161,13 @@ class Before:
         except (RecordError, OSError, ValueError):
             return None
         return None if piv is None else MatchedBefore(asked, piv, mean, (f"{self.results / Piv.file}, {HOLDS}",))
+
+
+def ball_of(t: pd.DataFrame) -> BallTrack:
+    """A ball as it was found, from the columns of its table."""
+    by_hand = t.corrected.to_numpy(bool) if "corrected" in t else np.zeros(len(t), bool)
+    x, y = (np.where(by_hand, t.get(f"{c}_found_px", np.nan), t[f"{c}_px"]).astype(float) for c in "xy")
+    flag = np.where(by_hand, t.get("flag_found", ""), t.flag)
+    flag = np.array([f if isinstance(f, str) else "" for f in flag], dtype=np.str_)
+    unknown = np.full(len(t), np.nan)
+    return BallTrack(x, y, t.sigma_px.to_numpy(float), unknown, unknown, flag)

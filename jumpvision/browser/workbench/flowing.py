@@ -40,12 +40,14 @@ Kept = TypeVar("Kept")
 OF_ONE = ("speed", "u", "v", "vorticity", "divergence", "shear_rate", "swirl")
 OF_MEAN = ("speed", "u", "v", "vorticity", "u_rms", "v_rms", "tke")
 BINS = 40  # of the counts of u and v
+SPARSE = 0.5  # Hz: of pairs whose frames are taken as 1 s apart
 DARKER = 0.35  # what is not matched, in the picture of what is
 
 
 @dataclass(frozen=True)
 class Asked:
-    """The sections and parameters that a flow is made from. rated: whether its frame rate is known, or one a second."""
+    """The sections and parameters that a flow is made from. rated: whether the time between two frames of
+    a pair is known, or taken as 1 s."""
 
     film: GrainVideo
     robot: Robot | None
@@ -60,8 +62,10 @@ class Asked:
         film = made.section(GrainVideo)
         if film is None:
             raise InputError([f"{made.folder}: no [grain_video] here: nothing to match"])
-        rated = bool(film.frame_rate or rate)
+        rated = film.pair_time is not None if film.pairs else bool(film.frame_rate or rate)
         film = replace(film, frame_rate=film.frame_rate or rate or 1.0)
+        if film.pairs and not rated:
+            film = replace(film, frame_rate=SPARSE, pair_time=1.0)
         robot, calibration, mask = made.section(Robot), made.section(Calibration), made.section(GrainMask)
         return cls(film, robot, calibration, mask, made.params(PivParams), rated)
 

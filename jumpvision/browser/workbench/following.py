@@ -25,7 +25,7 @@ class Following:
 
     def __init__(self, film: RodVideo, calibration: Calibration | None, p: TrackParams, rate: float):
         self._section = section_of(film, calibration, rate)
-        self._balls = BallFilm(self._section, p, lambda shape: view_of(calibration, self._section, shape))
+        self._balls = balls_of(self._section, calibration, p)
         self._whole: Followed | None = None
         self._clock: Followed | None = None  # of the film, without tracks
         self._stop, self._thread = threading.Event(), threading.Thread(target=self._run, daemon=True)
@@ -63,21 +63,13 @@ class Following:
         if done is None or not len(done.tracks[0].x):
             raise InputError(["track: none yet; track the film first"])
         section = section_of(film, calibration, rate)
-        wanted = BallFilm(section, p, lambda shape: view_of(calibration, section, shape))
-        if self._would(wanted, section, done) != self._would(self._balls, self._section, done):
-            raise InputError(["track: it was made with other values (ball, search, exposure); track the film again"])
+        refuse_other(balls_of(section, calibration, p), self._balls, done)
         time = done.time
         if any(getattr(section, k) != getattr(self._section, k) for k in ("frame_rate", "clock", "start")):
             with warnings.catch_warnings(), open_film(section) as again:
                 warnings.simplefilter("ignore")
                 time = again.time + done.exposure / 2
         return replace(done, time=time[: len(done.tracks[0].x)])
-
-    @staticmethod
-    def _would(balls: BallFilm, section: RodVideo, of: Followed) -> tuple[object, ...]:
-        """What a track depends on."""
-        settings = balls.settings(of.shape, of.exposure, section.frame_rate or 0.0 if of.exposure else 0.0)
-        return settings, balls.scene, balls.markers, section.path, section.fields, section.axes, section.truncated
 
     def _run(self) -> None:
         HOOK.set(self._told)
@@ -113,6 +105,24 @@ class Following:
         if self._stop.is_set():
             raise ValueError("stopped")  # out of whatever loop is watched
         self.doing = f"{what}: {done} of {total}"
+
+
+def balls_of(section: RodVideo, calibration: Calibration | None, p: TrackParams) -> BallFilm:
+    """The tracker of a section as `section_of` gives it."""
+    return BallFilm(section, p, lambda shape: view_of(calibration, section, shape))
+
+
+def refuse_other(wanted: BallFilm, made: BallFilm, of: Followed) -> None:
+    """InputError where a tracker would give another track than the one that has made `of`."""
+    if _rests_on(wanted, of) != _rests_on(made, of):
+        raise InputError(["track: it was made with other values (ball, search, exposure); track the film again"])
+
+
+def _rests_on(balls: BallFilm, of: Followed) -> tuple[object, ...]:
+    film = balls.film
+    settings = balls.settings(of.shape, of.exposure, film.frame_rate or 0.0 if of.exposure else 0.0)
+    own = film.path, film.fields, film.axes, film.truncated, film.exposure
+    return settings, balls.scene, balls.markers, *own
 
 
 def section_of(film: RodVideo, calibration: Calibration | None, rate: float) -> RodVideo:

@@ -23,6 +23,7 @@ from jumpvision.experiment.results.summary import UNKNOWN, Summary
 from jumpvision.experiment.results.tables import RodMotion
 from jumpvision.films.frames import FrameError
 
+from .earlier import places_of
 from .logs import thinned
 
 R = TypeVar("R", bound=Record)
@@ -54,7 +55,8 @@ def glance(folders: dict[str, Path], whole: Path) -> list[Row]:
     for name, text in by_model(diagnosis) if diagnosis else ():
         apart.setdefault(name, []).append(text)
     extended = {h.experiment: h.extended_m - h.measured_m for h in diagnosis.heights} if diagnosis else {}
-    summaries = {n: loaded(Summary, base / n) or UNKNOWN for n in folders}
+    places = {n: places_of(f, whole)[0] for n, f in folders.items()}
+    summaries = {n: loaded(Summary, r) or UNKNOWN for n, r in places.items()}
     measured = any(s.jump_height.value is not None for s in summaries.values())
     rows = []
     for name, folder in folders.items():
@@ -69,7 +71,7 @@ def glance(folders: dict[str, Path], whole: Path) -> list[Row]:
         if n := len(s.warnings):
             why = [*why, f"{n} warning{'s' * (n > 1)}"]
         film = film_of(folder)
-        rows.append(Row(name, s.kind, height, sigma, missed, n, "; ".join(why), film is not None, trace(base / name)))
+        rows.append(Row(name, s.kind, height, sigma, missed, n, "; ".join(why), film is not None, trace(places[name])))
     return sorted(rows, key=lambda r: not r.odd)
 
 
@@ -102,20 +104,24 @@ def film_of(folder: Path) -> Path | None:
 
 
 @lru_cache(maxsize=256)
-def small(folder: Path) -> bytes:
-    """A picture out of the middle of its film, as JPEG. InputError where there is none."""
+def small(folder: Path, frame: int | None = None, wide: int = WIDE) -> bytes:
+    """A picture of its film, the middle one or a frame, as JPEG no larger than `wide` [px]. InputError where there is
+    none."""
     path = film_of(folder)
     try:
         if path is None:
             raise FrameError(f"{folder}: no film or picture")
         film, _ = opened(path)
         with film:
-            image = np.nan_to_num(film[len(film) // 2].astype(float))
+            i = len(film) // 2 if frame is None else frame
+            if not 0 <= i < len(film):
+                raise InputError([f"{path}: frame = {i}: must be in [0, {len(film) - 1}]"])
+            image = np.nan_to_num(film[i].astype(float))
     except FrameError as e:
         raise InputError([str(e)]) from None
     low, high = np.percentile(image, (0.5, 99.5))
     grey = np.clip((image - low) * (255.0 / max(high - low, 1e-6)), 0, 255).astype(np.uint8)
     rows, columns = grey.shape
-    k = WIDE / max(rows, columns)
+    k = min(wide / max(rows, columns), 4.0)  # a pixel no larger than 4
     size = max(1, round(columns * k)), max(1, round(rows * k))
     return cv2.imencode(".jpg", cv2.resize(grey, size, interpolation=cv2.INTER_AREA))[1].tobytes()

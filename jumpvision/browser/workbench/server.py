@@ -1,7 +1,8 @@
 """The workbench's page, for who knows its address on this machine: answers from the readers, trackers and matchers.
 
 GET / and the page's files; GET /api/state, /api/frame/SECTION/N/WIDTH.jpg, /api/track?since=N, /api/run. POST with a
-JSON object, see `QUESTIONS`. Bad input is answered with 400 and {"problems": [text, ...]}.
+JSON object, see `QUESTIONS`, or with a file, /api/add/file/NAME. Bad input is answered with 400 and {"problems": [text,
+...]}.
 """
 
 from __future__ import annotations
@@ -28,7 +29,10 @@ LARGEST = 4_000_000  # bytes of a question
 FRAME = re.compile(r"/api/frame/([a-z_]+)/([0-9]{1,9})/([0-9]{1,5})\.jpg")
 TRACK = re.compile(r"/api/track\?since=([0-9]{1,9})")
 REPORT = re.compile(r"/report/(?:([^/]+)/)?report\.html")
-SMALL = re.compile(r"/small/([^/]+)\.jpg")
+ADD = re.compile(r"/api/add/file/([^/]+)")
+LARGEST_FILE = 10**12 - 1  # bytes
+SMALL = re.compile(r"/small/([^/]+?)(?:/([0-9]{1,9}))?\.jpg")
+WHY = re.compile(r"/api/why/([^/]+)")
 Question = dict[str, object]
 
 
@@ -145,6 +149,20 @@ def _keep(b: Benches, q: Question) -> object:
     return {}
 
 
+def _add(b: Benches, q: Question) -> object:
+    files = q.get("files")
+    whole = isinstance(files, dict) and all(type(n) is int and n >= 0 for n in files.values())
+    if not isinstance(files, dict) or not whole:
+        raise InputError(["files: must be an object, name: bytes"])
+    b.add(_text(q, "folder"), files)
+    return {}
+
+
+def _added(b: Benches, _: Question) -> object:
+    b.added()
+    return b.state()
+
+
 def _followed(b: Benches, since: int) -> object:
     rows, run = b.bench.followed(since)
     if run is None:
@@ -172,6 +190,9 @@ QUESTIONS: dict[str, Callable[[Benches, Question], object]] = {
     "/api/flow/all": _all_pairs,
     "/api/flow/stop": _stop_pairs,
     "/api/flow/light": lambda b, q: b.bench.lit(draft_of(q.get("draft")), _whole(q, "frame"), _whole(q, "width")),
+    "/api/add": _add,
+    "/api/add/end": _added,
+    "/api/add/stop": lambda b, _: {"problem": b.stop_adding()},
     "/api/bed": lambda b, q: b.bench.bed(draft_of(q.get("draft")), _whole(q, "frame")),
     "/api/columns": lambda b, q: _motion(b, q).columns(),
     "/api/fit": _fit,
@@ -223,7 +244,9 @@ class Handler(LocalHandler):
         elif path == "/api/glance":
             self._json(200, benches.glance())
         elif m := SMALL.fullmatch(path):
-            self.send(200, "image/jpeg", benches.small(unquote(m[1])))
+            self.send(200, "image/jpeg", benches.small(unquote(m[1]), int(m[2]) if m[2] else None))
+        elif m := WHY.fullmatch(path):
+            self._json(200, benches.why(unquote(m[1])))
         elif m := REPORT.fullmatch(path):
             self.send(200, "text/html; charset=utf-8", benches.report(unquote(m[1] or "")), ALONE)
         elif path == "/api/run":
@@ -235,7 +258,11 @@ class Handler(LocalHandler):
 
     def _post(self) -> None:
         self.check_asker()
-        path, body = self.place(), self.body(LARGEST)
+        path = self.place()
+        if m := ADD.fullmatch(path):
+            self._file(unquote(m[1]))
+            return
+        body = self.body(LARGEST)
         answer = QUESTIONS.get(path)
         if answer is None:
             raise Refused(404, f"{path}: there is no such question")
@@ -246,6 +273,18 @@ class Handler(LocalHandler):
         if not isinstance(question, dict):
             raise Refused(400, "question: must be a JSON object")
         self._json(200, answer(self.server.benches, question))
+
+    def _file(self, name: str) -> None:
+        adding, pieces = self.server.benches.adding, self.pieces(LARGEST_FILE, "application/octet-stream")
+        if adding is None:
+            self.close_connection = True
+            raise Refused(400, f"{name}: no folder was begun for it")
+        try:
+            adding.write(name, pieces)
+        except BaseException:
+            self.close_connection = True
+            raise
+        self._json(200, {})
 
     def _answer(self, work: Callable[[], None]) -> None:
         try:

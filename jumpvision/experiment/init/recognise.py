@@ -18,7 +18,7 @@ from jumpvision.experiment.inputs.held import Channel
 from jumpvision.experiment.inputs.tracker import is_tracker
 from jumpvision.films.frames import Film, FrameError, open_frames
 from jumpvision.films.frames.opening import READERS
-from jumpvision.films.frames.pictures import SUFFIXES
+from jumpvision.films.frames.pictures import SUFFIXES, ImageFilm
 
 LOGS = {  # section: the columns of its table
     "motor_log": ("time_s", "position_m"),
@@ -38,6 +38,7 @@ PICTURES = ("bed_image", "crater_image")
 FIELDS = (".nc", ".mat")
 VECTORS = (".txt", ".vec")  # one field a file
 PAIR = re.compile(r"\[(AB|ab)\]\.\w+$")  # caseframeA, caseframeB
+KNOWN = tuple(sorted({*READERS, *CHANNELS, *FIELDS, *VECTORS, ".csv", ".npz"}))  # suffixes of recordings
 TABLES = (".xls", ".xlsx", ".ods", ".dat")
 IGNORED = ("", ".toml", ".json", ".md", ".cih", ".cihx", ".py", ".ipynb", ".html", ".pdf", ".docx")
 GUESSED = "guessed from what it shows: write another section if it is something else"
@@ -100,17 +101,18 @@ def candidates(folder: Path) -> Iterator[str]:
             series.setdefault(f"{m[1]}*{m[2]}{f.suffix}", []).append(f)
         elif m := re.fullmatch(r"(.*?)[0-9]+", f.stem):
             series.setdefault(f"{m[1]}*{f.suffix}", []).append(f)
-        elif m := re.fullmatch(r"(.*?)([ABab])", f.stem):
-            both = "[AB]" if m[2] in "AB" else "[ab]"
-            series.setdefault(f"{m[1]}{both}{f.suffix}", []).append(f)
-    numbered = {
+        elif m := re.fullmatch(r"(.*?)(?:[0-9]+([^0-9]*?))?([ABab])", f.stem):  # many pairs are one series
+            both = "[AB]" if m[3] in "AB" else "[ab]"
+            numbered = "" if m[2] is None else f"*{m[2]}"
+            series.setdefault(f"{m[1]}{numbered}{both}{f.suffix}", []).append(f)
+    taken = {
         f
         for p, s in series.items()
         if len(s) >= _fewest(p, s[0]) and set(folder.glob(p)) == set(s) and not any(map(_is_track, s))
         for f in s
     }
-    yield from (pattern for pattern, s in series.items() if s[0] in numbered)
-    yield from (f.name for f in files if f.is_file() and f not in numbered and f.suffix.lower() not in IGNORED)
+    yield from (pattern for pattern, s in series.items() if s[0] in taken)
+    yield from (f.name for f in files if f.is_file() and f not in taken and f.suffix.lower() not in IGNORED)
 
 
 def _fewest(pattern: str, file: Path) -> float:
@@ -261,8 +263,11 @@ def _film(path: Path, name: str, section: str | None) -> Recording:
     film, timed = opened(path)
     with film:
         n, shape, bits = len(film), film.shape, film.meta.get("bit_depth")
-        known_as = section or _by_name(name, n) or ("grain_video" if PAIR.search(name) and n == 2 else None)
+        doubled = n > 2 and of_pairs(film)
+        alike = doubled or (PAIR.search(name) and n == 2)
+        known_as = section or _by_name(name, n) or ("grain_video" if alike else None)
         section = known_as or by_picture(film)
+        doubled = doubled and section == "grain_video"
         known = {k: film.meta[k] for k in ("exposure_s", "camera") if film.meta.get(k)}
         rate = 1.0 / float(np.median(np.diff(film.time))) if timed and n > 1 else None
         facts = f"{n} frames of " if n > 1 else "picture of "
@@ -274,10 +279,21 @@ def _film(path: Path, name: str, section: str | None) -> Recording:
             values["frame_rate"] = (float(f"{rate:.6g}"), "by the file's own time stamps")
         if section == "rod_video" and "exposure_s" in known:
             values["exposure"] = (float(known["exposure_s"]), "by the file")
-        notes = tuple(w.removeprefix(f"{path}: ") for w in film.warnings) + (() if known_as else (GUESSED,))
+        if doubled:
+            values["pairs"] = ("names", "A and B of double exposures, by their names")
+        said = () if doubled else film.warnings  # two things differ in their names: the number and the letter
+        notes = tuple(w.removeprefix(f"{path}: ") for w in said) + (() if known_as else (GUESSED,))
     if rate and rate <= 60 and section in FILMS:
         notes += ('a playback rate? If the film was recorded faster, give its rate and clock = "declared"',)
     return Recording(section, name, facts, values, notes)
+
+
+def of_pairs(film: Film) -> bool:
+    """Whether its pictures are called as double exposures: 0001A, 0001B, 0002A, ..."""
+    if not isinstance(film, ImageFilm):
+        return False
+    ends = [re.fullmatch(r".*[^A-Za-z]([ab])", f.stem.lower()) for f in film.files]
+    return {m and m[1] for m in ends} == {"a", "b"}
 
 
 def _by_name(name: str, n: int) -> str | None:

@@ -67,7 +67,8 @@ def experiment_toml(
     parts.append(_section("actuation", actuation, ACTUATION, facts=[] if complete else [NEEDED], live=complete))
     for r in recordings:
         facts = [f"# {_comment(t)}" for t in (r.facts, *r.notes)]
-        parts.append(_section(r.section, {"file": (r.file, ""), **r.values}, OPEN.get(r.section, ()), facts=facts))
+        keys = (*OPEN.get(r.section, ()), *(("pair_time",) if "pairs" in r.values else ()))
+        parts.append(_section(r.section, {"file": (r.file, ""), **r.values}, keys, facts=facts))
     if track:
         parts.append("[params.track]\n" + "\n".join(line_of(k, v, why) for k, (v, why) in track.items()))
     return "\n\n".join(parts) + "\n"
@@ -192,8 +193,13 @@ def init(folder: Path, choices: Choices) -> list[Path]:
 def still_open(file: Path) -> list[str]:
     """What has to be filled in before the stages of a written file can run: "[section] key, key"."""
     given = tomllib.loads(file.read_text(encoding="utf-8"))
-    lacking = {s: [k for k in keys if k not in given[s]] for s, keys in STOPPED.items() if s in given}
+    needed = STOPPED | ({"grain_video": (*STOPPED["grain_video"], "pair_time")} if _doubled(given) else {})
+    lacking = {s: [k for k in keys if k not in given[s]] for s, keys in needed.items() if s in given}
     return [f"[{s}] {', '.join(keys)}" for s, keys in lacking.items() if keys]
+
+
+def _doubled(given: Mapping[str, Any]) -> bool:
+    return bool(given.get("grain_video", {}).get("pairs"))
 
 
 def _experiment(folder: Path, found: list[Recording], notes: list[str], choices: Choices, *, shared: bool) -> Path:

@@ -241,14 +241,13 @@ class GrainVideo(FileSection):
     )
 
     def check(self) -> list[str]:
-        """A region has two corners, in order, a polygon three or more; a pair needs its time."""
+        """A region has two corners, in order, a polygon three or more; a time of pairs needs pairs."""
         corners, out = self.roi, scale_problems(self)
         for k, polygon in enumerate(self.leave_out):
             if len(polygon) < 6 or len(polygon) % 2:
                 out.append(f"leave_out[{k}]: {len(polygon)} numbers: must be three corners or more, [x1, y1, ...]")
-        if bool(self.pairs) != (self.pair_time is not None):
-            lacks, there = ("pair_time", "pairs") if self.pairs else ("pairs", "pair_time")
-            out.append(f"{lacks}: missing beside {there}; give both for double exposures, or neither")
+        if self.pair_time is not None and not self.pairs:
+            out.append("pairs: missing beside pair_time; give both for double exposures, or neither")
         if corners and (len(corners) != 4 or corners[0] >= corners[2] or corners[1] >= corners[3]):
             out.append(
                 f"roi = {list(corners)}: must be [first column, first row, last column, last row], first below last"

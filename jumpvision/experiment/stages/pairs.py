@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.experiment.inputs.recordings import GrainVideo
+from jumpvision.experiment.inputs.sections import need
 from jumpvision.experiment.workflow.stage import StageWarning
 from jumpvision.films.frames import Film, FrameError, open_frames
 from jumpvision.films.frames.names import numbering
@@ -19,6 +20,7 @@ MARKS = (re.compile(r"(?<![a-z])[ab](?![a-z])"), re.compile(r"(?<![0-9])[12](?![
 
 def in_pairs(section: GrainVideo) -> InPairs:
     """The film of double exposures that a section names; its frame_rate is that of the pairs."""
+    need(section, "pair_time")
     rate = 2.0 * section.frame_rate if section.frame_rate else None
     return InPairs(open_frames(section.path, frame_rate=rate, start=section.start, axes=section.axes), section)
 

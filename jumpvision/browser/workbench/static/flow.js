@@ -54,8 +54,10 @@ export const panel = element("div", {},
   row("Match again at every change", live));
 
 // What the answer rests on: a change of it asks again, where it is to be live.
-const basis = () => { const t = store.table; return JSON.stringify([t.grain_video, t.grain_mask, t.robot, t.calibration, t.params?.piv, t.params?.flow, t.params?.profiles]); };
-let matched = "";
+const ofPairs = () => { const t = store.table; return JSON.stringify([t.grain_video, t.grain_mask, t.robot, t.calibration, t.params?.piv]); };
+const basis = () => ofPairs() + JSON.stringify([store.table.params?.flow, store.table.params?.profiles]);
+let matched = "", pairs = "";
+const alone = () => { store.mean = false; of.value = ""; offer(); };
 
 export const match = latest(() => attempt(async () => {
   if (store.section !== "grain_video") return;
@@ -66,6 +68,7 @@ export const match = latest(() => attempt(async () => {
   } catch (e) { counts.textContent = ""; store.flow = null; emit("pair"); throw e; }
   const f = store.flow;
   matched = from;
+  pairs = ofPairs();
   f.range = range(f.values, f.name);
   if (old?.line && old.lines === lines && JSON.stringify(old.place) !== JSON.stringify(f.place)) { f.line = old.line; keepLine(old.line); changed(); } // it stays where it was drawn
   f.lines = lines;
@@ -81,13 +84,17 @@ function say() {
 }
 
 let later = 0;
-on("preview", () => { if (store.flow && live.checked && basis() !== matched) match(); light(); });
+on("preview", () => {
+  if (store.flow?.mean && ofPairs() !== pairs) alone(); // the mean is of other settings
+  if (store.flow && live.checked && basis() !== matched) match();
+  light();
+});
 on("frame", () => {
   light();
   clearTimeout(later);
   if (store.flow && live.checked && !store.mean && !player.playing && store.frame !== store.flow.frame) later = setTimeout(match, WAIT);
 });
-on("section fresh", () => { Object.assign(store, { flow: null, lit: null, pointer: null, mean: false }); of.value = ""; matched = ""; offer(); counts.textContent = ""; now.textContent = ""; });
+on("section fresh", () => { Object.assign(store, { flow: null, lit: null, pointer: null }); matched = ""; alone(); counts.textContent = ""; now.textContent = ""; });
 on("section", () => {
   if (store.section !== "grain_video") return;
   all.hidden = of.parentNode.hidden = store.state.films.find((f) => f.section === "grain_video").time.length < 3;

@@ -4,7 +4,8 @@ import { button, element, row } from "./fields.js";
 import { line, match } from "./flow.js";
 import uPlot from "./vendor/uplot/uPlot.esm.js";
 
-const box = document.getElementById("step-plot"), colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+const box = document.getElementById("step-plot");
 const draw = button("Draw a line", () => line(), "main"), typed = element("input", { type: "text", autocomplete: "off", placeholder: "x1, y1, x2, y2" });
 draw.id = "line";
 typed.addEventListener("change", () => {
@@ -22,10 +23,10 @@ const content = element("div", { className: "flow-only" }, element("h2", { textC
 box.append(content);
 
 const label = (name, unit) => `${name} [${unit}]`;
-const axis = (text, size) => ({ label: text, labelSize: 20, size, stroke: colour("--ink"), font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif",
+export const axis = (text, size) => ({ label: text, labelSize: 20, size, stroke: colour("--ink"), font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif",
   grid: { stroke: colour("--line"), width: 1 }, ticks: { stroke: colour("--line"), width: 1, size: 4 }, values: (_, v) => v.map((a) => (a === null ? "" : String(Number(a.toPrecision(6))))) });
 const look = (width, height, x, y) => ({ width, height, legend: { show: false }, cursor: { show: false }, scales: { x: { time: false } }, axes: [axis(x, 34), axis(y, 62)] });
-const curve = (name, more = {}) => ({ stroke: colour(name), width: 2, points: { show: false }, ...more });
+export const curve = (name, more = {}) => ({ stroke: colour(name), width: 2, points: { show: false }, ...more });
 const hidden = { stroke: "transparent", points: { show: false } };
 
 let plots = [];

@@ -1,5 +1,6 @@
 // The page: header, transport, steps, keys. What is clicked in the steps stands in scale.js, find.js and check.js.
 import { attempt, changed, emit, film, load, on, post, start, store, times, value } from "./store.js";
+import "./add.js";
 import { watchRun } from "./check.js";
 import { button, element, take } from "./fields.js";
 import { act, problem, resume } from "./find.js";

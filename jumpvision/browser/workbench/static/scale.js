@@ -33,6 +33,8 @@ const parts = {
     element("h3", { textContent: "What is matched" }),
     place("roi", "Part to match", 4, "Drag over the part to match, or click two corners", true),
     polygons(), rate("grain_video"),
+    valueChoice("grain_video", "pairs", "Pictures", [["", "each with the next"], ["order", "pairs: 1-2, 3-4, ..."], ["names", "pairs A, B by their names"]], ""),
+    pairTime(),
     foot(),
   ],
   bed_image: [place("floor", "Floor of the bed", 1, "Click the floor of the bed"), element("h3", { textContent: "A known length" }), ...marks()],
@@ -96,6 +98,13 @@ function cross() { // the axes of the ball: a cross that is dragged by its middl
       : "None: x and y count from the film's upper left corner.";
   });
   return out;
+}
+
+// Of double exposures alone; without it displacements are those of a pair.
+function pairTime() {
+  const { made } = valueNumber("grain_video", "pair_time", "From A to B [ms]", { factor: 1000 });
+  on("state section preview", () => { made.hidden = !value("grain_video", "pairs"); });
+  return made;
 }
 
 // A foot that goes through the grains is the origin, and is followed and left out: only where there is one.

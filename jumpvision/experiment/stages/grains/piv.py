@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.progress import KEEPER, SHARE, WORKERS, Shared, in_parts, share_of, watch
-from jumpvision.experiment.inputs.sections import Calibration, GrainMask, GrainVideo, PivField, Robot
+from jumpvision.experiment.inputs.sections import Calibration, GrainMask, GrainVideo, PivField, Robot, lacking
 from jumpvision.experiment.results.fields import Piv
 from jumpvision.experiment.stages.recordings import open_grains
 from jumpvision.experiment.workflow.stage import StageWarning, stage
@@ -39,7 +39,12 @@ KEPT = 512  # pairs: from so many on finished parts are kept, for a run that is 
 FOOT = "foot.npz"  # the part that is kept of a foot
 
 
-@stage(version=16, any_of=("film", "field"))
+def needs_of_piv(film: GrainVideo | None) -> list[str]:
+    """Double exposures need the time from A to B."""
+    return lacking(film, "pair_time") if film and film.pairs else []
+
+
+@stage(version=16, any_of=("film", "field"), needs=needs_of_piv)
 def piv(
     film: GrainVideo | None,
     field: PivField | None,
