@@ -49,7 +49,7 @@ export async function track() {
 
 export async function resume() { // a track that the server has, of before a reload
   const now = await get("api/track?since=0");
-  if (!now.rows.length && !now.running) return;
+  if ((!now.rows.length && !now.running) || store.track.running || store.track.rows.length) return; // a hand was quicker
   store.track = { rows: [], running: true, finished: false };
   watch();
 }
