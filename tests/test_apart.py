@@ -48,6 +48,9 @@ class Oscillations:
     def scattered(self, name, changes):
         return copy.copy(self)
 
+    def at_common(self):
+        return copy.copy(self)
+
 
 def test_a_recording_in_another_minimum_is_found():
     """From the grid of first values it falls into a side lobe (0.5 of the motion stays); all values are then those of

@@ -120,8 +120,8 @@ def test_three_jumps_on_film_stand_beside_each_other(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     "words, said",
     [
-        (["--speed", "0.3"], "--speed: the film tells it"),
-        (["--bed", "hexagonal"], "--bed hexagonal: beside a film the bed is random"),
+        (["--speed", "0.3"], "--speed: with --experiment it follows from the film"),
+        (["--bed", "hexagonal"], "--bed hexagonal: with --experiment the bed is random"),
         ([], "[grain_video] or [piv_field], [robot] foot_radius, [bed] volume_fraction"),
     ],
 )

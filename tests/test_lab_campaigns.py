@@ -340,4 +340,4 @@ def test_one_campaign_of_both_grounds(tmp_path):
     (tmp_path / "bad.toml").write_text('parts = "hard.toml"\nground = "hard"\n')
     with pytest.raises(InputError) as e:
         write_campaign(tmp_path / "bad.toml", tmp_path / "bad", seed=2)
-    assert "stands in the parts" in str(e.value) and "list of protocols" in str(e.value)
+    assert "belongs in the parts" in str(e.value) and "list of protocols" in str(e.value)

@@ -110,7 +110,7 @@ def test_shares_of_a_film_are_matched_apart_and_put_together(kept_soon, tmp_path
     assert len(done) == 4
     xr.testing.assert_identical(xr.load_dataset(tmp_path / "r" / "piv.nc"), whole)
     assert main([*share, "1/3"]) == 0
-    assert "nothing to be shared" in capsys.readouterr().err
+    assert "this film is not divided into shares" in capsys.readouterr().err
     for wrong in ("0/3", "4/3", "1", "a/b", "1/99999"):
         assert main([*share, wrong]) == 2
         assert f"--share {wrong}: must be K/N" in capsys.readouterr().err

@@ -58,7 +58,9 @@ class Hand(Page):
 
     def drag_plot(self, begin: float, end: float) -> None:
         """Over a part of the plot, as shares of its width."""
-        box = self.page.locator("#plot .u-over").bounding_box()
+        over = self.page.locator("#plot .u-over")
+        until(over.bounding_box)  # none for a moment, where a plot is drawn anew
+        box = over.bounding_box()
         y = box["y"] + box["height"] / 2
         self.drag((box["x"] + begin * box["width"], y), (box["x"] + end * box["width"], y))
 

@@ -113,7 +113,7 @@ def read_parts(path: Path) -> list[Protocol]:
     if "parts" not in table:
         return [protocol_of(table, str(path))]
     names = table["parts"]
-    others = [f"{path}: {k}: belongs into the parts, not beside them" for k in table if k not in ("parts", "name")]
+    others = [f"{path}: {k}: belongs in the parts, not beside them" for k in table if k not in ("parts", "name")]
     if not isinstance(names, list) or not names or not all(isinstance(n, str) for n in names):
         others.append(f"{path}: parts = {names!r}: must be a list of protocols, e.g. ['hard.toml', 'sand.toml']")
     elif len({Path(n).stem for n in names}) < len(names):
