@@ -161,7 +161,9 @@ def test_the_command_writes_asks_again_and_tells_each_line(tmp_path, capsys, mon
     monkeypatch.setattr(folders, "work", work)
     assert folders.diagnose(tmp_path) == folders.DONE
     out = capsys.readouterr().out
-    assert out.startswith("First.\nto correct it (jumpvision diagnose --accept writes this):\n  a/experiment.toml: [rod_video]")
+    assert out.startswith(
+        "First.\nto correct it (jumpvision diagnose --accept writes this):\n  a/experiment.toml: [rod_video]"
+    )
     assert (folder / "experiment.toml").read_text() == TEXT
     answers.insert(0, diagnosis(suggested=(line,), sentence="First."))
     assert folders.diagnose(tmp_path, accept=True) == folders.DONE

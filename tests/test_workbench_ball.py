@@ -58,9 +58,8 @@ class Hand(Page):
 
     def drag_plot(self, begin: float, end: float) -> None:
         """Over a part of the plot, as shares of its width."""
-        over = self.page.locator("#plot .u-over")
-        until(over.bounding_box)  # none for a moment, where a plot is drawn anew
-        box = over.bounding_box()
+        while (box := self.page.locator("#plot .u-over").bounding_box()) is None:
+            time.sleep(0.02)  # a plot is drawn anew
         y = box["y"] + box["height"] / 2
         self.drag((box["x"] + begin * box["width"], y), (box["x"] + end * box["width"], y))
 
@@ -423,8 +422,7 @@ def test_the_simulated_jump_lies_over_the_film_with_its_residual(hard, served, b
     results = hard.parent / "results" / "hard"
     assert main(["simulate", str(hard), "--no-pictures"]) == 0
     page = Hand(browser, served(hard))
-    page.page.keyboard.press("t")
-    page.until("!workbench.store.track.running && workbench.store.track.rows.length > 700")
+    page.until("workbench.store.track.rows.length > 700")  # the track of that run, which is not made again
     page.page.click("#tab-plot")
     page.page.wait_for_selector("button[data-curve=simulated]:visible")
     page.page.click("button[data-curve=simulated]")

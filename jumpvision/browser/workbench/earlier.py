@@ -10,6 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from jumpvision.base.record import Record, RecordError
 from jumpvision.base.schema import InputError, Told
@@ -167,7 +168,12 @@ def ball_of(t: pd.DataFrame) -> BallTrack:
     """A ball as it was found, from the columns of its table."""
     by_hand = t.corrected.to_numpy(bool) if "corrected" in t else np.zeros(len(t), bool)
     x, y = (np.where(by_hand, t.get(f"{c}_found_px", np.nan), t[f"{c}_px"]).astype(float) for c in "xy")
-    flag = np.where(by_hand, t.get("flag_found", ""), t.flag)
-    flag = np.array([f if isinstance(f, str) else "" for f in flag], dtype=np.str_)
+    flag = np.where(by_hand, _words(t, "flag_found"), _words(t, "flag"))
     unknown = np.full(len(t), np.nan)
     return BallTrack(x, y, t.sigma_px.to_numpy(float), unknown, unknown, flag)
+
+
+def _words(t: pd.DataFrame, name: str) -> NDArray[np.str_]:
+    """A column of words, in which a file has nothing for none."""
+    column = t[name] if name in t else [""] * len(t)
+    return np.array([f if isinstance(f, str) else "" for f in column], dtype=np.str_)
