@@ -242,18 +242,17 @@ SHEET = [  # docs/physics.md section 7: Fig 45(b) with the gain lowered in the p
 ]
 RINGS = {"s_p": 1000.0, "lam": 0.005}  # and without it: one phase of the ringing spring
 
+ALL = [  # of the sheet: jump, phi, height [mm], gain in the pause, settings of the bed
+    *((*row, DWELL, None) for row in SHEET),
+    ("single", LOOSE, 48.9, 1.0, RINGS),
+    ("stutter", LOOSE, 15.0, 1.0, RINGS),
+    ("delayed stutter", LOOSE, 67.67, 1.0, RINGS),
+    ("delayed stutter", 0.61, 45.2, 1.0, RINGS),
+    ("delayed stutter", LOOSE, 35.0, DWELL, RINGS),
+]
 
-@pytest.mark.parametrize(
-    "kind, phi, sheet, gain, settings",
-    [
-        *((*row, DWELL, None) for row in SHEET),
-        ("single", LOOSE, 48.9, 1.0, RINGS),
-        ("stutter", LOOSE, 15.0, 1.0, RINGS),
-        ("delayed stutter", LOOSE, 67.67, 1.0, RINGS),
-        ("delayed stutter", 0.61, 45.2, 1.0, RINGS),
-        ("delayed stutter", LOOSE, 35.0, DWELL, RINGS),
-    ],
-)
+
+@pytest.mark.parametrize("kind, phi, sheet, gain, settings", ALL)
 def test_jumps_on_a_bed_that_remembers_a_pause_are_those_of_the_sheet_and_of_another_integrator(
     kind, phi, sheet, gain, settings
 ):

@@ -11,7 +11,7 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from test_behaviour import DWELL, LOOSE, RINGS, SHEET, kept_remembering, remembered
+from test_behaviour import ALL, DWELL, RINGS, kept_remembering, remembered
 
 from jumpvision.thesis.studies.study import Call, run
 
@@ -149,23 +149,13 @@ def sheet_height(f, phase, delay, bed, gain):
     return 1e3 * (top - rest)
 
 
-@pytest.mark.parametrize(
-    "kind, phi, sheet, gain, settings",
-    [
-        *((*row, DWELL, {}) for row in SHEET),
-        ("single", LOOSE, 48.9, 1.0, RINGS),
-        ("stutter", LOOSE, 15.0, 1.0, RINGS),
-        ("delayed stutter", LOOSE, 67.67, 1.0, RINGS),
-        ("delayed stutter", 0.61, 45.2, 1.0, RINGS),
-        ("delayed stutter", LOOSE, 35.0, DWELL, RINGS),
-    ],
-)
+@pytest.mark.parametrize("kind, phi, sheet, gain, settings", ALL)
 def test_an_integrator_of_this_file_gives_the_sheet_s_heights_and_the_program_s(kind, phi, sheet, gain, settings):
     """To 0.1 mm those of the sheet, which prints as many digits; to 0.01 mm those of the program."""
     f = kept_remembering(kind, gain, settings is RINGS)
-    own = sheet_height(f, *PHASES[kind], Bed(phi, **settings), gain)
+    own = sheet_height(f, *PHASES[kind], Bed(phi, **(settings or {})), gain)
     assert own == pytest.approx(sheet, abs=0.1)
-    assert own == pytest.approx(remembered(kind, phi, gain, settings or None).item(), abs=0.01)
+    assert own == pytest.approx(remembered(kind, phi, gain, settings).item(), abs=0.01)
 
 
 def test_a_single_at_the_sheet_s_packing_is_as_high_as_the_delayed_jump_on_loose_sand_from_after_the_hop():

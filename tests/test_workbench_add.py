@@ -197,7 +197,7 @@ def test_a_copy_that_is_stopped_leaves_nothing(tmp_path, browser, served):  # no
             assert time.monotonic() < end
             time.sleep(0.01)
         h.page.get_by_role("button", name="Cancel").click()
-        h.page.get_by_text("what was copied is taken away").wait_for()
+        h.page.get_by_text("what was copied is removed").wait_for()
         while (tmp_path / "new").exists():
             assert time.monotonic() < end, list((tmp_path / "new").iterdir())
             time.sleep(0.01)

@@ -415,9 +415,13 @@ def test_what_the_mouse_has_set_is_repeated_by_the_command_line(tmp_path, browse
     h.page.keyboard.press("Enter")
     h.click("#act")
     h.until("workbench.store.flow")
-    for text, value in (("Window [px]", "32"), ("Step [px]", "10"), ("Even out in tiles of [px] (0: not)", "40")):
+    for text, value in (
+        ("Window [px]", "32"),
+        ("Step [px]", "10"),
+        ("Local contrast (CLAHE), tiles of [px], 0: off", "40"),
+    ):
         label(text).fill(value)
-    label("Taken away").select_option("minimum")
+    label("Background").select_option("minimum")
     label("Show the picture as it is matched").check()
     h.until("workbench.store.lit")
     h.until("workbench.store.table.params?.piv?.background === 'minimum'")
@@ -450,13 +454,13 @@ def test_all_pairs_are_matched_with_progress_and_their_mean_is_shown(tmp_path, b
 
 
 def test_the_matching_of_all_pairs_is_stopped_by_its_button(tmp_path, browser, served, monkeypatch):
-    slow = Batch._told
+    slow = Batch._progress
 
     def told(self, what, done, total):
         time.sleep(0.05)
         slow(self, what, done, total)
 
-    monkeypatch.setattr(Batch, "_told", told)
+    monkeypatch.setattr(Batch, "_progress", told)
     s = served(film(tmp_path / "film", 60))
     h = Hand(browser, s)
     h.page.keyboard.press("2")
@@ -501,7 +505,7 @@ def test_a_track_of_the_command_line_is_plotted_without_tracking_again(tmp_path,
         assert json.loads(json.dumps(plain(values))) == found[name], name  # to the last bit
     assert h.said == []
     motion, b = (lambda d: s.benches.bench.motion(draft_of(d))), {"corrections": {"7": [60, 44.7]}}
-    with pytest.raises(InputError, match="correction of frame 7 is taken away"):
+    with pytest.raises(InputError, match="correction of frame 7 was removed"):
         motion({})
     for values in ({"params.track": {"search": 3.0}}, {"rod_video": {"exposure": 1e-3}}):
         with pytest.raises(InputError, match="made with other values"):

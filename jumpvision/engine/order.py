@@ -299,8 +299,8 @@ class Order:
                 if more.naming.status == Status.COMPLETE:
                     return known
                 partly = known if about is naming.best.fit and more.naming.status == Status.PARTIAL else None
-            if (more_so := self._scatter_beside(found, wide, about) or partly) is not None:
-                return more_so
+            if (better := self._scatter_beside(found, wide, about) or partly) is not None:
+                return better
         return self, found
 
     def _scatter_beside(self, found: Findings, wide: Wider, about: Fit) -> tuple[Order, Findings] | None:
@@ -309,7 +309,7 @@ class Order:
 
         rng = np.random.default_rng(VARY_SEED)
         s = explain.scattered(self.problem, wide.screen, about, explain.SECOND, rng) if about.mechanisms else None
-        if s is None or s.detection.discrepant or (base := explain.bare(s, found.baseline, rng)) is None:
+        if s is None or s.detection.discrepant or (base := explain.without_causes(s, found.baseline, rng)) is None:
             return None
         order, more = self._named_about(found, base, s.baseline)
         complete = more.naming and more.naming.status == Status.COMPLETE

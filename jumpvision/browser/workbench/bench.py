@@ -401,7 +401,7 @@ class Benches:
 
     def earlier(self) -> Earlier:
         """What the last run left of what lies on the bench."""
-        return self.bench.earlier(self.whole).seen()
+        return self.bench.earlier(self.whole).overview()
 
     def simulated(self, draft: Draft) -> Fitted:
         """The jump that the last run simulated, beside the one that is followed."""

@@ -79,7 +79,7 @@ class FoundBefore:
     def refuse_without(self, corrections: Collection[int]) -> None:
         """InputError where a frame that was corrected is so no more: what was found there is not all in the file."""
         if gone := sorted(self.by_hand - set(corrections)):
-            said = f"the correction of frame {gone[0]} is taken away since the run"
+            said = f"the correction of frame {gone[0]} was removed since the run"
             raise InputError([f"track: {said}; track the film again"])
 
 
@@ -129,7 +129,7 @@ class Before:
         except (InputError, OSError):
             return ()
 
-    def seen(self) -> Earlier:
+    def overview(self) -> Earlier:
         """All of it, for the page."""
         known = {k.file: self.holds(k) for k in (Track, Piv, Simulation)}
         return Earlier(

@@ -26,6 +26,12 @@ WIDTHS = (64, 4096)  # px that may be asked for
 DARKEST, BRIGHTEST = 0.1, 99.9  # percentiles of grey that become black and white
 
 
+def stretched(image: NDArray[Any]) -> NDArray[Any]:
+    """0 to 255, from its darkest to its brightest 0.5 %; black where a value is missing."""
+    low, high = np.nanpercentile(image, (0.5, 99.5))
+    return np.asarray(np.clip((np.nan_to_num(image) - low) * (255.0 / max(high - low, 1e-6)), 0, 255))
+
+
 class Shown:
     """One film, opened once; any thread may ask."""
 

@@ -35,6 +35,7 @@ from jumpvision.films.vision.piv.light import light_of
 from jumpvision.films.vision.piv.pair import MEASURED, REASONS
 
 from .draft import Composed
+from .films import stretched
 
 Kept = TypeVar("Kept")
 OF_ONE = ("speed", "u", "v", "vorticity", "divergence", "shear_rate", "swirl")
@@ -192,12 +193,11 @@ class Flowing:
 
 
 def picture(image: NDArray[np.float32], left_out: NDArray[np.bool_] | None, width: int) -> str:
-    """An image (H, W) as an address with its content, from its darkest to its brightest 0.5 %."""
-    low, high = np.nanpercentile(image, (0.5, 99.5))
-    grey = np.clip((np.nan_to_num(image) - low) * (255.0 / max(high - low, 1e-6)), 0, 255)
+    """An image (H, W), as `stretched`, as an address with its content."""
+    grey = stretched(image)
     if left_out is not None:
         grey[left_out] *= DARKER
-    out = grey.astype(np.uint8)
+    out: NDArray[Any] = grey.astype(np.uint8)
     if out.shape[1] > width:
         out = cv2.resize(out, (width, max(1, round(out.shape[0] * width / out.shape[1]))), interpolation=cv2.INTER_AREA)
     return "data:image/jpeg;base64," + base64.b64encode(cv2.imencode(".jpg", out)[1].tobytes()).decode()
@@ -223,13 +223,13 @@ class Batch:
         self._stop.set()
         self._thread.join()
 
-    def _told(self, what: str, done: int, total: int | None) -> None:
+    def _progress(self, what: str, done: int, total: int | None) -> None:
         if self._stop.is_set():
             raise Stopped
         self.what, self.done, self.total = what, done, total or 0
 
     def _run(self, flow: FlowParams, p: StatisticsParams) -> None:
-        HOOK.set(self._told)
+        HOOK.set(self._progress)
         try:
             with warnings.catch_warnings(record=True) as said, of(self.asked) as r:
                 warnings.simplefilter("always", StageWarning)

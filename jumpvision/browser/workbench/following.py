@@ -72,7 +72,7 @@ class Following:
         return replace(done, time=time[: len(done.tracks[0].x)])
 
     def _run(self) -> None:
-        HOOK.set(self._told)
+        HOOK.set(self._progress)
         try:
             with warnings.catch_warnings(record=True) as said:
                 warnings.simplefilter("always", StageWarning)
@@ -96,12 +96,12 @@ class Following:
                 if self._stop.is_set():
                     return None
                 self._balls.see(image)
-                self._told("frames followed", i + 1, len(film))
+                self._progress("frames followed", i + 1, len(film))
             film.shown = True
             self._whole = self._balls.followed(film)
             return self._whole.tracks[0]
 
-    def _told(self, what: str, done: int, total: int | None) -> None:
+    def _progress(self, what: str, done: int, total: int | None) -> None:
         if self._stop.is_set():
             raise ValueError("stopped")  # out of whatever loop is watched
         self.doing = f"{what}: {done} of {total}"

@@ -24,6 +24,7 @@ from jumpvision.experiment.results.tables import RodMotion
 from jumpvision.films.frames import FrameError
 
 from .earlier import places_of
+from .films import stretched
 from .logs import thinned
 
 R = TypeVar("R", bound=Record)
@@ -119,8 +120,7 @@ def small(folder: Path, frame: int | None = None, wide: int = WIDE) -> bytes:
             image = np.nan_to_num(film[i].astype(float))
     except FrameError as e:
         raise InputError([str(e)]) from None
-    low, high = np.percentile(image, (0.5, 99.5))
-    grey = np.clip((image - low) * (255.0 / max(high - low, 1e-6)), 0, 255).astype(np.uint8)
+    grey = stretched(image).astype(np.uint8)
     rows, columns = grey.shape
     k = min(wide / max(rows, columns), 4.0)  # a pixel no larger than 4
     size = max(1, round(columns * k)), max(1, round(rows * k))

@@ -142,7 +142,7 @@ def scattered(problem: Problem, seen: Screen, base: Fit, least: float, rng: np.r
     return None if fit is None else Scattered(with_it, fit, detect(with_it, fit, directions(with_it, fit), rng), s)
 
 
-def bare(s: Scattered, base: Fit, rng: np.random.Generator) -> Scattered | None:
+def without_causes(s: Scattered, base: Fit, rng: np.random.Generator) -> Scattered | None:
     """The same scatter, which was found about causes, about none; None where that is adequate or cannot be followed."""
     if (fit := s.problem.fit(base.mechanisms, base.named)) is None:
         return None

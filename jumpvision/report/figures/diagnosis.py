@@ -52,13 +52,10 @@ def diagnosis_picture(d: Findings, system: Jumper, data: Diagnosis) -> bytes:
     details below. The missing force is that of the jump in (b)."""
     with styled() as Figure:
         extended, varies = bool(data.named), shown(data)
-        first = 2 if varies else 1
-        rows = first + (2 if d.naming else 0)
-        figure = Figure(figsize=(12.6, 3.6 * rows + 0.2), layout="constrained")
-        top, *below = figure.subfigures(
-            2 if d.naming else 1, 1, squeeze=False, height_ratios=[first, 2][: rows - first + 1]
-        )[:, 0]
-        axes = top.subplots(first, 3, squeeze=False)
+        rows = [2 if varies else 1, *([2] if d.naming else [])]  # of the first part, and of the details
+        figure = Figure(figsize=(12.6, 3.6 * sum(rows) + 0.2), layout="constrained")
+        top, *below = figure.subfigures(len(rows), 1, squeeze=False, height_ratios=rows)[:, 0]
+        axes = top.subplots(rows[0], 3, squeeze=False)
         _heights(axes[0, 0], data)
         _track(axes[0, 1], d, system, extended)
         if varies:

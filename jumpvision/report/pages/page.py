@@ -55,12 +55,8 @@ PICTURES = {  # file: (heading, what it shows)
     "spring.png": ("Spring", "force against displacement of the spring with its line, and what the line leaves over"),
     "fits.png": ("Fits", "fits beside the data they were made on"),
 }
-FRAMES = (
-    "track.png",
-    "bed.png",
-    "piv.png",
-    "validation.png",
-)  # hold a frame of a film: dimmed on a dark page, all others turned dark
+# hold a frame of a film: dimmed on a dark page, all others turned dark
+FRAMES = ("track.png", "bed.png", "piv.png", "validation.png")
 FILMS = {
     "track.webm": ("The ball", "film of the rod with the path of the ball drawn in"),
     "piv.webm": ("Velocity field", "the film with velocity vectors, in slow motion"),
@@ -130,7 +126,6 @@ def write_campaign(
             }
             for f in PREVIEWS
             if shown is not None and (shown.results / f).exists()
-            for heading, _ in [PICTURES.get(f, ("Intrusion", ""))]
         ],
         film=moving,
         warnings=warned,

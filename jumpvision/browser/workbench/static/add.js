@@ -23,7 +23,7 @@ function offer(all, folder = "") {
   files = all.filter(known);
   const unknown = all.filter((f) => !known(f)).map((f) => f.name);
   name.value = folder || files[0]?.name.replace(/\.\w+$/, "") || "";
-  what.textContent = files.length ? `${files.length === 1 ? files[0].name : `${files.length} files`}, ${size(total())}. Nothing that exists is changed.` : "Nothing here that is known.";
+  what.textContent = files.length ? `${files.length === 1 ? files[0].name : `${files.length} files`}, ${size(total())}. Nothing that exists is changed.` : "No file here can be read.";
   left.textContent = unknown.length ? `Left out, as their kind is not known: ${unknown.slice(0, 6).join(", ")}${unknown.length > 6 ? ", ..." : ""}. Known: ${store.state.known.join(" ")}` : "";
   go.disabled = !files.length;
   bar.hidden = true;
@@ -65,7 +65,7 @@ form.addEventListener("submit", async (e) => {
     load(state);
   } catch (error) {
     const end = begun ? await post("api/add/stop").catch(() => null) : null; // it knows more than a connection that broke
-    said.textContent = stopped ? "Stopped; what was copied is taken away." : end?.problem || (error.problems ?? [String(error)]).join("\n");
+    said.textContent = stopped ? "Stopped; what was copied is removed." : end?.problem || (error.problems ?? [String(error)]).join("\n");
     bar.hidden = true;
   } finally {
     sending = null;

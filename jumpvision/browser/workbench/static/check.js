@@ -54,7 +54,7 @@ const start = button("Run", () => go(), "main"), halt = button("Stop", () => att
 const bar = element("progress", { max: 1, value: 0, data: { "aria-label": "Experiments done" } });
 const said = element("p", { id: "run-said", data: { "aria-live": "polite" } }), lines = element("pre", { tabIndex: 0, data: { "aria-label": "Lines of the run" } });
 runs.append(element("h2", { textContent: "Write and run" }), diff, element("div", { className: "buttons" }, write), wrote,
-  element("h3", { textContent: "The rest" }), element("div", { className: "buttons" }, start, halt), bar, said, element("details", {}, element("summary", { textContent: "What the run says" }), lines));
+  element("h3", { textContent: "The rest" }), element("div", { className: "buttons" }, start, halt), bar, said, element("details", {}, element("summary", { textContent: "Output of the run" }), lines));
 
 on("state preview", () => {
   const p = store.preview, many = (store.state?.experiments.length ?? 0) > 1;

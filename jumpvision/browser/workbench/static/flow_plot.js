@@ -13,12 +13,12 @@ typed.addEventListener("change", () => {
   if (v.length === 4 && v.every(Number.isFinite)) setValue("params.profiles", "lines", [v]);
 });
 const typedRow = row("From x, y to x, y", typed);
-const along = element("div", { className: "plot", id: "profile", data: { role: "img" } }), often = element("div", { className: "plot", id: "counts-plot", data: { role: "img", "aria-label": "How often each velocity is there" } });
+const along = element("div", { className: "plot", id: "profile", data: { role: "img" } }), often = element("div", { className: "plot", id: "counts-plot", data: { role: "img", "aria-label": "Histogram of u and v" } });
 const note = element("p", { className: "note" });
 const key = (...names) => element("p", { className: "key" }, ...names.map((n) => element("span", { textContent: n })));
 const saved = (text, work) => { const b = button(text, work); b.dataset.save = text; return b; };
 const content = element("div", { className: "flow-only" }, element("h2", { textContent: "Along a line" }), element("div", { className: "buttons" }, draw), typedRow, key("along the line", "across it"), along, note,
-  element("h2", { textContent: "How often each velocity is there" }), key("u, to the right", "v, up"), often,
+  element("h2", { textContent: "Histogram of u and v" }), key("u, to the right", "v, up"), often,
   element("div", { className: "buttons" }, saved("Save the map as CSV", () => save("map")), saved("Save the profile as CSV", () => save("profile"))));
 box.append(content);
 

@@ -34,7 +34,7 @@ export async function look() {
   part.hidden = !e.report && !e.held.length && !e.changed.length;
   toggle.hidden = alone.hidden = !e.report;
   alone.href = address();
-  said.textContent = [e.held.length && `Taken over: ${e.held.join(", ")}.`, e.changed.length && `${e.changed.join(", ")}: what it rests on has changed since; run again.`,
+  said.textContent = [e.held.length && `From the last run: ${e.held.join(", ")}.`, e.changed.length && `${e.changed.join(", ")}: what it rests on has changed since; run again.`,
     e.warnings.length ? "" : e.report && "No warnings."].filter(Boolean).join(" ");
   list.replaceChildren(...e.warnings.map((w) => {
     const here = store.state.films.some((f) => f.section === w.recording), at = w.values?.frame;
