@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jumpvision as jv
+from jumpvision.engine import detect, order
 from jumpvision.engine.study.inputs import applied, factors_of
 from jumpvision.engine.vary import explain
 from tests import test_any_simulator as pendulum
@@ -158,3 +159,12 @@ def test_a_number_that_scatters_beside_a_force():
     assert found.named == ("dry_friction",) and told(found) == [("W", "scatter", ())], found.sentence
     assert found.varies[0].low < spread < found.varies[0].high
     assert found.status == "complete" and "scatters by" in found.sentence
+
+
+def test_what_scatter_leaves_within_chance_is_stated_and_blamed_on_nothing(monkeypatch):
+    """Between the two levels, which here are moved apart: the scatter stands, the model is not called adequate."""
+    monkeypatch.setattr(detect, "LEVEL", 0.9)
+    found = jv.diagnose(loose(0.004, 0.0, seed=400)[0], pendulum.study())
+    assert order.SURE < found.p_value < 0.9 and not found.adequate
+    assert told(found) == [("W", "scatter", ())] and not found.named and not found.discovered
+    assert "a discrepancy (p = 0.61) remains beyond the noise" in found.sentence

@@ -53,11 +53,11 @@ def _twins(d: Diagnosis, words: Words) -> str:
 def _more(d: Diagnosis) -> str:
     """What is left beside numbers that vary, where nothing is named."""
     share = d.left_over.share if d.left_over else math.nan
-    much = (
-        f"{said(share, '.2g', 100.0)} % of the discrepancy (in chi^2)"
-        if math.isfinite(share)
-        else "a part of the discrepancy"
-    )
+    much = "a part of the discrepancy"
+    if share < 0.995:
+        much = f"{said(share, '.2g', 100.0)} % of the discrepancy (in chi^2)"
+    elif math.isfinite(share):  # about what scatters: nothing else explains any of it
+        much = f"a discrepancy (p = {said(d.p_value, '.2g')})"
     return f"{much} remains beyond the noise{_left(d, 'describes it')}"
 
 
