@@ -597,7 +597,8 @@ def test_the_bed_s_threshold_is_moved_by_hand_and_written(tmp_path, browser, ser
     h.page.mouse.down()
     h.page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + box["height"] / 2, steps=5)
     h.page.mouse.up()
-    h.until("workbench.store.table.params?.bed?.threshold === workbench.store.bed.threshold")
+    let_go = float(level.input_value())  # where the pointer left it: every level it passed was drawn too
+    h.until(f"workbench.store.table.params?.bed?.threshold === {let_go} && workbench.store.bed.threshold === {let_go}")
     seen, set_to = h.get("workbench.store.bed.row"), h.get("workbench.store.bed.threshold")
     assert np.mean(seen) > np.mean(before) + 2  # darker: deeper
     h.click("#tab-run")
