@@ -6,9 +6,9 @@
 Families: `toss` (a ball before chalk, studs, glints, a shadow, a hand that lets go), `alike` (two alike balls, tossed),
 `toy` (a spinning thing of three tones before chalk, brick and a floor), `wrong` (a dark ball, called bright), `nine`
 (nine discs of one size in a box, one clicked), `fast` (12 px, 3 to 7 diameters a frame, clicked), `pendulum` (a ball of
-two tones). Edges are drawn by the normal distribution of the distance to them: no sub-pixels, as `benchmarks.clips`
+two tones), `swing` (a pendulum's plain ball), `rod` (a ball that rests, hops and rests again). Edges are drawn by the normal distribution of the distance to them: no sub-pixels, as `benchmarks.clips`
 has, and nothing of the virtual laboratory. A row is false where it is unflagged and half a diameter or more off;
-`--longer` cuts films of 700 frames at four lengths and compares the rows that these share.
+`--longer` cuts films of 600 frames at four lengths and compares the rows that these share.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ from scipy.stats import beta
 
 from jumpvision.films.arrays.track import track as of_arrays
 
-FAMILIES = ("toss", "alike", "toy", "wrong", "nine", "fast", "pendulum")
+FAMILIES = ("toss", "alike", "toy", "wrong", "nine", "fast", "pendulum", "swing", "rod")
+SAME = 0.1  # sigma: a row at the same place
 BLUR = 0.75  # px, of a lens
 MIX = {"toss": 0.7, "alike": 0.3}  # of the bar
 
@@ -189,7 +190,7 @@ def _film(family: str, rng: np.random.Generator, frames: int | None) -> Film:
     tones = rng.permutation([0.35, 0.65, 1.0]) * (ball - 10) + 10
     n = frames or {"nine": 60, "fast": 40}.get(family, n)
     others = np.zeros((0, n, 2))
-    if family == "pendulum":
+    if family in ("pendulum", "swing"):
         length, amplitude, period = rng.uniform(0.5, 0.8) * h, rng.uniform(0.3, 0.9), rng.uniform(25, 70)
         length = min(length, 0.42 * w / math.sin(amplitude))
         swing = (
@@ -199,6 +200,11 @@ def _film(family: str, rng: np.random.Generator, frames: int | None) -> Film:
         )
         at = np.stack([w / 2 + length * np.sin(swing), 0.1 * h + length * np.cos(swing)], axis=1)
         spin = 0.0
+    elif family == "rod":
+        t = np.arange(n) - rng.uniform(40, 130)
+        hop = rng.uniform(0.3, 0.7) * h * np.exp(-np.maximum(t, 0) / rng.uniform(60, 200))
+        up = np.where(t > 0, hop * np.abs(np.sin(t * math.pi / rng.uniform(30, 80))), 0.0)
+        at = np.stack([0.5 * w + 0.01 * up, 0.9 * h - d - np.where(up > 0.5, up, 0.0)], axis=1)
     elif family == "nine":
         all_at = boxed(rng, shape, n, rng.uniform(0.2, 1.2) * d, d, 9)
         at, others = all_at[0], all_at[1:]
@@ -229,11 +235,12 @@ def _film(family: str, rng: np.random.Generator, frames: int | None) -> Film:
             picture[part] *= 1 - 0.25 * ndtr(-(np.hypot(u, v) - d / 2) / 2.0)
         covered = np.abs(scene - ball)[np.hypot(xx - x, yy - y) < 0.62 * d] < 0.4 * abs(level - ball)
         seen[i] &= covered.size > 0 and covered.mean() < 0.1
-        if family == "pendulum":
+        if family in ("pendulum", "swing"):
             a = math.atan2(x - w / 2, y - 0.1 * h)
             u = np.abs((xx - w / 2) * math.cos(a) - (yy - 0.1 * h) * math.sin(a)) - 0.6
             picture += edge(u) * (yy > 0.1 * h) * (yy < y) * (0.7 * level - picture)
-            two_toned(picture, x, y, d, (ball, 0.25 * ball + 0.75 * level), a + turn)
+            second = ball if family == "swing" else 0.25 * ball + 0.75 * level
+            two_toned(picture, x, y, d, (ball, second), a + turn)
         elif family == "toy":
             toy(picture, x, y, d, tuple(tones), turn + spin * i)
         elif family == "nine":
@@ -365,49 +372,47 @@ def row(*cells: object) -> str:
     return "| " + " | ".join(map(str, cells)) + " |"
 
 
-CUTS = (150, 250, 400, 700)
+CUTS = (100, 200, 350, 600)
+LONG = ("pendulum", "rod", "fast", "swing", "nine")
 
 
 def longer(a: argparse.Namespace) -> None:
-    """Films cut at four lengths: rows that all the cuts share."""
-    states = places = shared = 0
+    """Films cut at four lengths: rows that a cut shares with the whole film."""
+    states = moved = digits = shared = same_films = same_digits = 0
     worst = 0.0
-    same_films = 0
-    families = ("pendulum", "fast", "nine", "pendulum")
     for number in range(a.clips):
-        family = families[number % 4]
+        family = a.family or LONG[number % len(LONG)]
         f = film(family, a.seed, number, frames=CUTS[-1])
         how = settings(f, family, False, number)
-        tables = [tracked(f.frames[:n], how)[0] for n in CUTS]
-        n_states = n_places = 0
-        for n, t in zip(CUTS, tables):
-            whole = tables[-1].iloc[:n]
-            good, also = ((s.flag == "").to_numpy() for s in (t, whole))
-            n_states += int((good != also).sum())
-            both = good & also
-            off = np.hypot(t.x_px - whole.x_px, t.y_px - whole.y_px).to_numpy()
-            n_places += int((off[both] > 0).sum())
-            worst = max(worst, float(np.nanmax(np.where(both, off / whole.sigma_px, np.nan), initial=0.0)))
-            shared += n
-        states, places = states + n_states, places + n_places
-        same_films += not n_states and not n_places
+        whole = tracked(f.frames, how)[0]
+        off_by, places, some = [], 0, 0
+        for n in CUTS[:-1]:
+            t, same = tracked(f.frames[:n], how)[0], whole.iloc[:n]
+            good, also = ((s.flag == "").to_numpy() for s in (t, same))
+            off = np.hypot(t.x_px - same.x_px, t.y_px - same.y_px).to_numpy()[good & also]
+            far = off / same.sigma_px.to_numpy()[good & also]
+            off_by.append(int((good != also).sum()))
+            places, some = places + int((far > SAME).sum()), some + int((off > 0).sum())
+            worst, shared = max(worst, float(np.max(far, initial=0.0))), shared + n
+        states, moved, digits = states + sum(off_by), moved + places, digits + some
+        same_films += not sum(off_by) and not places
+        same_digits += not sum(off_by) and not some
         if a.each:
-            found = " ".join(str(int((t.flag == "").sum())) for t in tables)
-            print(
-                f"{number} {f.words}: found {found}; {n_states} states, {n_places} places differ",
-                file=sys.stderr,
-                flush=True,
-            )
+            found = int((whole.flag == "").sum())
+            words = f"{number} {f.words}: {found} found; {off_by} states, {places} places, {some} digits differ"
+            print(words, file=sys.stderr, flush=True)
     heads = (
         f"films cut at {CUTS}",
-        "all identical",
+        "same rows",
+        "same digits",
         "rows found in one cut only",
-        "at another place",
+        f"off by > {SAME} sigma",
+        "other digits",
         "farthest, sigma",
     )
-    same = f"{same_films} of {a.clips}"
-    counts = f"{states} of {shared}", f"{places} of {shared}", f"{worst:.3g}"
-    print(row(*heads), "|---" * len(heads) + "|", row(f"seed {a.seed}", same, *counts), sep="\n")
+    films = f"{same_films} of {a.clips}", f"{same_digits} of {a.clips}"
+    counts = f"{states} of {shared}", moved, digits, f"{worst:.3g}"
+    print(row(*heads), "|---" * len(heads) + "|", row(f"seed {a.seed}", *films, *counts), sep="\n")
 
 
 def main() -> None:

@@ -66,6 +66,11 @@ class SceneSum:
             _hide(self._total, self._hidden, image, x, y, 0.5 * diameter + CLEAR)
         self._greys.append(grey)
 
+    @property
+    def known(self) -> bool:
+        """Whether every pixel has been seen often enough."""
+        return self._views >= LEAST_VIEWS and int(self._hidden.max()) <= self._views - LEAST_VIEWS
+
     def background(self) -> Background | None:
         """None where too little of the scene is ever seen to be of use."""
         if self._total is None or not self._greys or self._views < LEAST_VIEWS:

@@ -14,7 +14,7 @@ from jumpvision.base.arrays import Image
 from jumpvision.base.progress import watch
 from jumpvision.films.frames.base import Frames
 
-from .background import LEAST_VIEWS, SceneSum, View, Window
+from .background import Background, SceneSum, View, Window
 from .measure import AS_THEY_ARE, Block, Found, window_half
 from .moving import HEADS, AtHand, Head, still_scene
 from .pieces import in_pieces
@@ -25,7 +25,8 @@ from .unknowns import WX, WY, A
 from .validate import LOST, MORE, is_still, validated, without_still_objects
 
 VIEWS = 100  # frames that all count for the scene; of the next 100 every second does, of the next 200 every fourth ...
-KEPT = 2**25  # bytes of a short film, kept whole for its last fit; of each kind of samples
+LEARNED = 60, 1000  # frames that the scene is learned from: the fewer where it is known by then, at most the more
+KEPT = 2**25  # bytes of the first LEARNED frames, kept whole for their last fit; of each kind of samples
 SAMPLES = 16  # frames of each kind
 MEMORY = 2**28  # bytes of windows kept; frames beyond are read again
 WORTHWHILE = 500  # frames from which on a frame's whole measurement is compiled code's: fewer are done sooner without
@@ -49,15 +50,20 @@ def track_film(
 
 
 class Samples:
-    """Some frames of a film: evenly spread ones, and one of each place that the ball comes to."""
+    """Some frames of a film's head: evenly spread ones, and one of each place that the ball comes to."""
 
     def __init__(self) -> None:
+        self._end = math.inf
         self.even: dict[int, Image] = {}
         self.places: dict[int, tuple[Found, Image]] = {}
         self._step = 1
 
     def see(self, i: int, image: Image, found: Found) -> None:
         """Frame i, where the ball was found."""
+        if not found.flag:
+            self._end = min(self._end, i + HEADS[0])
+        if i >= self._end:
+            return
         most = min(SAMPLES, KEPT // max(1, image.nbytes))
         if i % self._step == 0:
             self.even[i] = image
@@ -86,6 +92,8 @@ class FilmTracker:
         self._enough = False  # nobody waits for the measurements without the scene
         self._windows: list[list[Window | None]] = []
         self._scene = SceneSum() if scene and settings.method == "disc" else None
+        self._behind: Background | None = None  # the scene, once it is learned
+        self._learning = self._scene is not None
         self._room, self.still = MEMORY, scene
         self._kept: list[Image] | None = None
         if self._scene is not None and not markers and not settings.streak:
@@ -110,15 +118,19 @@ class FilmTracker:
         found = [plain] if plain else together(self._trackers, [View.of(image) for _ in self._trackers], None)
         self._found.append(found)
         self._samples.see(i, image, found[0])
-        if self._kept is not None:
+        if self._kept is not None and i < LEARNED[0]:
             self._kept.append(image)
             if image.nbytes * len(self._kept) > KEPT:
                 self._kept = None
         if self._scene is None:
             return
         self._windows.append([self._window(image, f) for f in found])
-        if i % _stride(i) == 0 and not any(f.flag for f in found) and found[0].p is not None:
+        if not self._learning or i % _stride(i):
+            return
+        if not any(f.flag for f in found) and found[0].p is not None:
             self._scene.add(image, [(f.x, f.y, f.diameter + _streak(f)) for f in found], float(found[0].p[A]))
+        if i + 1 >= LEARNED[1] or (i + 1 >= LEARNED[0] and self._scene.known):
+            self._learning, self._behind = False, self._scene.background()
 
     def finish(self, frames: Frames) -> list[BallTrack]:
         """The tracks, the first ball's first. frames: the same film, for what was not kept of it."""
@@ -150,11 +162,12 @@ class FilmTracker:
                 self._enough = True
                 return self._refined([sure])
         if not (found := again.result()):
-            return self._refined(first)
+            return self._refined(first) if len(frames) <= LEARNED[0] else first
         second = [as_track(list(f)) for f in zip(*found, strict=True)]
         if len(second) == 1 and not self.settings.streak:  # a sticker's remains, where the ball has left
             second = [without_still_objects(second[0], frames, self.settings)]
-        return self._refined([b if _better(a, b) else a for a, b in zip(first, second, strict=True)])
+        better = [b if _better(a, b) else a for a, b in zip(first, second, strict=True)]
+        return self._refined(better) if len(frames) <= LEARNED[0] or better[0] is second[0] else better
 
     def _flying(self, track: BallTrack, head: Head) -> BallTrack | None:
         """A ball of any face that nobody clicked, where it flies and is found more often than the disc; or None."""
@@ -175,16 +188,15 @@ class FilmTracker:
         return replace(flying, notes=(FLYING,))
 
     def _refined(self, tracks: list[BallTrack]) -> list[BallTrack]:
-        """With what all frames share taken from all, where the still scene may be taken out and the ball is alone."""
+        """With what the first LEARNED frames share taken from all of these, where the still scene may be taken out and
+        the ball is alone. Later rows know it from the frames before them."""
         if self._kept is None:
             return tracks
         return [refined(tracks[0], self._kept, self.settings.polarity)]
 
     def _without_scene(self, frames: AtHand) -> list[list[Found]]:
         """The measurements of all frames once more, without the scene; none where too little of it is known."""
-        if self._scene is None or sum(not f[0].flag for f in self._found) < LEAST_VIEWS:
-            return []
-        scene = self._scene.background()
+        scene = self._scene.background() if self._scene and self._learning else self._behind
         if scene is None:
             return []
         trackers = [BallTracker(s) for s in self._settings]

@@ -85,6 +85,11 @@ def heads(frames: Frames) -> list[Head]:
     return [Head(frames, n) for k, n in enumerate(HEADS) if k == 0 or len(frames) > HEADS[k - 1]]
 
 
+def head_rows(good: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Of a track's good rows those of its first HEADS frames, which decide on all: a longer film has the same."""
+    return good[good < good[0] + HEADS[0]]
+
+
 @dataclass(frozen=True)
 class Spot:
     """A round spot that was not there before: frame, x, y, diameter d [px], contrast [grey]; found: its measurement."""

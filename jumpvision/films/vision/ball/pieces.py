@@ -2,7 +2,8 @@
 
 Two rows belong together where the motion before, or the motion after, leads from one to the other, and neither ball was
 seen beside the other. The piece of most rows that moves is the ball; others are kept where they are within its reach,
-look like it and do not merely stand. Only rows near a row decide on it, and what the longest piece looks like.
+look like it and do not merely stand. Only rows near a row decide on it, and which piece is the longest in the film's
+head, and what it looks like there.
 """
 
 from __future__ import annotations
@@ -14,12 +15,13 @@ from jumpvision.base.arrays import FROM_MAD, Array
 from jumpvision.films.frames.base import Frames
 
 from .identity import seen_beside
-from .moving import BENT, HOLE, STEP
+from .moving import BENT, HOLE, STEP, head_rows
 from .track import BallTrack
 
 Ints = NDArray[np.int64]
+KNOWN = 60  # rows by which a piece after the first is judged
 SHORT, DRIFT = 15, 5.0  # rows, px: a piece that is no longer and drifts less stands
-SHARP, MOST = (0.5, 4.0), 20  # diameters and medians off a parabola that are asked about; rows of a film
+SHARP, MOST = (0.5, 4.0), 20  # diameters and medians off a parabola that are asked about; the first of a film
 SAME = 0.5  # diameters: found again where it was lost
 OTHER_GREY, OTHER_SIZE, SCATTER = 0.05, 0.08, 6.0  # of contrast, of the diameter; standard deviations
 STRAY = 0.25  # of what a row is off: so well its neighbours agree
@@ -66,9 +68,10 @@ class _Way:
 
     def __init__(self, track: BallTrack, good: Ints, frames: Frames | None, polarity: str):
         self._track, self._good, self._frames, self._polarity = track, good, frames, polarity
-        self._d = float(np.median(track.diameter[good]))
+        self._head = head_rows(good).size  # of the good rows
+        self._d = float(np.median(track.diameter[good[: self._head]]))
         self._at = np.stack([track.x[good], track.y[good]], axis=1)
-        linked = _linked(good, self._at, self._d, track)
+        linked = _linked(good, self._at, self._d, track, self._head)
         for k in self._turns(linked):
             begin = max((j + 1 for j in np.flatnonzero(~linked[:k])), default=0)
             end = min((j + 1 for j in np.flatnonzero(~linked[k + 1 :]) + k + 1), default=good.size)
@@ -79,20 +82,27 @@ class _Way:
     def main(self, first: bool) -> int:
         """The ball's own piece. first: the first row is of the ball."""
         # a hand that holds the ball changes how it looks
-        main = max(range(len(self.pieces)), key=lambda k: (self._reach[k] > DRIFT, self.pieces[k].size))
-        moves = self.pieces[0].size > 1 and self._reach[0] > DRIFT
+        main = max(
+            (k for k, p in enumerate(self.pieces) if p[0] < self._head),
+            key=lambda k: (self._reach_in_head(k) > DRIFT, np.count_nonzero(self.pieces[k] < self._head)),
+        )
+        moves = self.pieces[0].size > 1 and self._reach_in_head(0) > DRIFT
         others = {1, main} if first and main else set[int]()
         if others and (moves or any(self._beside(self.pieces[0], self.pieces[k]) is not None for k in others)):
             main = 0
-        self._look = _Look(self._track, self._good, self.pieces[main])
+        self._look = _Look(self._track, self._good, self.pieces[main][self.pieces[main] < self._head])
         return main
+
+    def _reach_in_head(self, k: int) -> float:
+        p = self.pieces[k]
+        return float(np.hypot(*np.ptp(self._at[p[p < self._head]], axis=0)))
 
     def against(self, k: int, last: Ints, clicked: bool) -> str:
         """Why piece k is not of the ball that the piece `last` is of; empty where nothing says so."""
         p = self.pieces[k]
         if not clicked and (p.size == 1 or (p.size == 2 and self._reach[k] > SAME * self._d)):  # no two are a way
             return ALONE
-        if why := self._look.other(p):
+        if why := self._look.other(p[:KNOWN]):
             return why
         before, after = (last, p) if p[0] > last[0] else (p, last)
         between = self._track.flag[self._good[before[-1]] + 1 : self._good[after[0]]]
@@ -108,13 +118,12 @@ class _Way:
         return ""
 
     def _turns(self, linked: NDArray[np.bool_]) -> list[int]:
-        """Joints that a hole or a sharp turn is at, the sharpest first."""
+        """The first joints that a hole or a sharp turn is at."""
         if self._frames is None or linked.size < 4:
             return []
         sharp = _off_parabolas(self._good.astype(float), self._at)
-        sharp = np.where(sharp > max(SHARP[0] * self._d, SHARP[1] * float(np.median(sharp))), sharp, 0.0)
-        some = np.argsort(-sharp)[:MOST]
-        return [int(k) for k in some if linked[k] and sharp[k] > 0]
+        least = max(SHARP[0] * self._d, SHARP[1] * float(np.median(sharp[: self._head])))
+        return [int(k) for k in np.flatnonzero(linked & (sharp > least))[:MOST]]
 
     def _beside(self, before: Ints, after: Ints) -> int | None:
         if self._frames is None:
@@ -127,7 +136,7 @@ def _without_strays(track: BallTrack) -> BallTrack:
     good = np.flatnonzero(track.flag == "")
     if good.size < 5:
         return track
-    d, at = float(np.median(track.diameter[good])), np.stack([track.x[good], track.y[good]], axis=1)
+    d, at = float(np.median(track.diameter[head_rows(good)])), np.stack([track.x[good], track.y[good]], axis=1)
     t = np.stack([good[k : good.size - 4 + k] for k in range(5)]).astype(float)
     p = np.stack([at[k : len(at) - 4 + k] for k in range(5)])
     # Newton's divided differences of the four: their parabola, and by how much the fourth is off it
@@ -163,8 +172,8 @@ def without(track: BallTrack, reason: NDArray[np.object_]) -> BallTrack:
     return BallTrack(x, y, sigma, size, chi2, flag, track.notes, kept(track.grey), kept(track.contrast))
 
 
-def _linked(good: Ints, at: Array, d: float, track: BallTrack) -> NDArray[np.bool_]:
-    """(n - 1,): whether each good row and the next belong together."""
+def _linked(good: Ints, at: Array, d: float, track: BallTrack, head: int) -> NDArray[np.bool_]:
+    """(n - 1,): whether each good row and the next belong together. head: rows that tell the usual contrast."""
     if good.size < 2:
         return np.zeros(0, bool)
     gap = np.diff(good).astype(float)
@@ -202,7 +211,7 @@ def _linked(good: Ints, at: Array, d: float, track: BallTrack) -> NDArray[np.boo
     out |= both
     if track.grey is not None and track.contrast is not None:
         # what changes its grey unseen, or as it jumps, is another thing
-        grey, most = track.grey[good], OTHER_GREY * float(np.nanmedian(np.abs(track.contrast[good])))
+        grey, most = track.grey[good], OTHER_GREY * float(np.nanmedian(np.abs(track.contrast[good[:head]])))
         for k in np.flatnonzero(out & ((gap > 1) | both)):
             before, after = grey[max(0, k - 4) : k + 1], grey[k + 1 : k + 6]
             off = abs(float(np.median(after) - np.median(before)))
@@ -227,6 +236,7 @@ def _beyond(good: Ints, at: Array, d: float, before: Ints, after: Ints) -> float
     gap = float(good[after[0]] - good[before[-1]])
     speed = 0.0
     for p in (before, after):
+        p = p[-KNOWN:] if p is before else p[:KNOWN]
         if p.size > 1:
             speed = max(speed, float(np.max(np.hypot(*np.diff(at[p], axis=0).T) / np.diff(good[p]))))
     return float(np.hypot(*(at[after[0]] - at[before[-1]]))) - gap * (2.0 * speed + STEP * d)

@@ -1,4 +1,4 @@
-"""The last fit of a short film's ball: what all frames share is taken from all of them.
+"""The last fit of a ball in a film's first frames: what these share is taken from all of them.
 
 A ball's size, blur and lighting are nearly the same in every frame; fitted anew in each they cost the position much
 of its certainty, as the scene behind the ball does. Here each frame is fitted without the scene, which frames with the
@@ -29,9 +29,10 @@ STEPS = 0.3  # diameters: a fit that goes farther is not of this ball
 
 
 def refined(track: BallTrack, frames: Frames, polarity: str) -> BallTrack:
-    """The track with its good frames fitted once more, where that makes the median sigma less."""
-    good = np.flatnonzero(track.flag == "")
-    if not LEAST_FRAMES <= good.size <= 400:  # a longer film learns its light and scene on the way
+    """The track with its good rows in the first frames, those given, fitted once more, where that makes the median
+    sigma less."""
+    good = np.flatnonzero(track.flag[: len(frames)] == "")
+    if good.size < LEAST_FRAMES:
         return track
     d = float(np.median(track.diameter[good]))
     scenes = _Scenes(track, frames, d)
@@ -48,7 +49,7 @@ def refined(track: BallTrack, frames: Frames, polarity: str) -> BallTrack:
     floor = 1.0 / 12.0 if frames[0].dtype.kind in "ui" else (1e-4 * contrast) ** 2  # of digitising
     wide = np.full(12, np.inf)
     wide[LIGHT] = contrast**2
-    speed = _speeds(track)
+    speed = _speeds(track.x[: len(frames)], track.y[: len(frames)])
     for turn in range(4):
         before, fits = fits, {}
         streaks = _streaks(before, speed) if turn else {}
@@ -142,9 +143,8 @@ def _shared(fits: list[disc.DiscFit], wide: Array) -> tuple[Array, Array]:
     return mean, var
 
 
-def _speeds(track: BallTrack) -> Array:
+def _speeds(x: Array, y: Array) -> Array:
     """(n, 2): by how much the ball moves in a frame [px]; NaN where nothing next to it is known."""
-    x, y = track.x, track.y
     steps, none = np.stack([np.diff(x), np.diff(y)], axis=1), np.full((1, 2), np.nan)
     before, after = np.vstack([none, steps]), np.vstack([steps, none])
     before, after = np.where(np.isnan(before), after, before), np.where(np.isnan(after), before, after)
@@ -176,6 +176,7 @@ def _taken(track: BallTrack, fits: dict[int, disc.DiscFit], crops: dict[int, _Cr
         x[i], y[i] = f.p[X] + crops[i].x0, f.p[Y] + crops[i].y0
         sigma[i] = math.sqrt(max(f.cov[X, X], f.cov[Y, Y]) * max(factor, 1.0) * max(f.chi2, 1.0))
         size[i], chi2[i] = 2.0 * f.p[R], f.chi2
-    if not np.nanmedian(sigma) < np.nanmedian(track.sigma):
+    again = [*fits]
+    if not np.median(sigma[again]) < np.median(track.sigma[again]):
         return track
     return replace(track, x=x, y=y, sigma=sigma, diameter=size, chi2=chi2)

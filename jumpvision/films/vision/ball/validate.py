@@ -17,7 +17,7 @@ from jumpvision.films.parameters import SMALLEST_BALL
 from .background import Background, View
 from .identity import ball_at
 from .measure import Found, Start
-from .moving import AtHand, Head, Path, Spot, at, elsewhere, heads, like, moving_paths, still_scene
+from .moving import AtHand, Head, Path, Spot, at, elsewhere, head_rows, heads, like, moving_paths, still_scene
 from .pieces import without
 from .reasons import Flag, Reason
 from .track import BallSettings, BallTrack, BallTracker, as_track
@@ -46,8 +46,9 @@ def validated(
         return track
     track = without_still_objects(track, frames, settings)
     good = track.flag == ""
-    d = float(np.median(track.diameter[good])) if good.any() else settings.diameter or SMALLEST_BALL
-    still = is_still(track)
+    d = settings.diameter or SMALLEST_BALL
+    if good.any():
+        d = float(np.median(track.diameter[head_rows(np.flatnonzero(good))]))
     for head in heads(frames):
         look = slice(0, len(head))
         searched = is_still(track, look) or np.mean(track.flag[look] != "") > LOST
@@ -57,7 +58,7 @@ def validated(
             return flying
         if moving or not is_still(track, look):
             return better
-    if still and good.sum() >= STAYS and len(frames) > STAYS:
+    if is_still(track) and good.sum() >= STAYS and len(frames) > STAYS:
         return _doubted(track, frames, head, settings, d)
     return track
 
@@ -65,7 +66,7 @@ def validated(
 def _moving(track: BallTrack, frames: Frames, head: Head, settings: BallSettings, d: float) -> BallTrack | None:
     """What moves through the head of a film as a disc, followed through all of it, where it is better than the track or
     nothing tells which of two it is; else None."""
-    good, still = track.flag == "", is_still(track)
+    good, still = track.flag == "", is_still(track, slice(0, len(head)))
     scene = still_scene(head)
     paths = moving_paths(head, scene, settings.diameter, settings.polarity, SMALLEST_BALL)
     # speeds that a path may have come unseen from the seed; the only one of the film more
@@ -153,34 +154,61 @@ def _next(tracker: BallTracker, view: View, path: Path, i: int, spot: Spot | Non
 
 
 def without_still_objects(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTrack:
-    """The track with those frames flagged in which it is at what stands there without the ball, too."""
+    """The track with those rows flagged in which it is at what stands there without the ball, too, as rows of the
+    film's head show."""
     good = np.flatnonzero(track.flag == "")
     if good.size < 2 * STAYS:
         return track
     kept = frames if isinstance(frames, AtHand) else AtHand(frames, {}, ())
-    at_hand = good[np.isin(good, list(kept.whole))]
-    d = float(np.median(track.diameter[good]))
-    left, places = good, []
-    while left.size:
-        near = np.hypot(track.x[left] - track.x[left[0]], track.y[left] - track.y[left[0]]) < PLACE * d
-        if near.sum() >= STAYS:
-            places.append(left[near])
-        left = left[~near]
+    first = head_rows(good)
+    d = float(np.median(track.diameter[first]))
     flag = track.flag.astype(object)
-    for members in sorted(places, key=len, reverse=True)[:5]:
-        x, y = float(np.median(track.x[members])), float(np.median(track.y[members]))
-        away, near_by = (g[np.hypot(track.x[g] - x, track.y[g] - y) > 1.2 * d] for g in (good, at_hand))
-        if not away.size:
-            continue
-        away = near_by if near_by.size >= ASKED else away
-        nearest = int(members[np.argmin(np.hypot(track.x[members] - x, track.y[members] - y))])
-        here = ball_at(kept.view(nearest), x, y, d, settings.polarity)
-        asked = away[np.unique(np.linspace(0, away.size - 1, min(ASKED, away.size)).astype(int))]
-        there = (ball_at(View.of(kept[int(g)]), x, y, d, settings.polarity) for g in asked)
-        if here is not None and all(t is not None and _same_object(here, t) for t in there):
-            g = int(asked[0])
-            flag[members] = STANDS.format(g, track.x[g], track.y[g])
+    early, late = [], []
+    for rows in _places(track, good, PLACE * d):
+        told = rows[rows <= first[-1]]
+        if told.size >= STAYS:
+            early.append((rows, told))
+        elif rows.size >= STAYS:  # what the head does not tell changes nothing in it
+            late.append((rows[rows > first[-1]], rows[:STAYS]))
+    for rows, told in [*sorted(early, key=lambda g: -g[1].size)[:5], *late]:
+        frame = _without_ball(track, kept, settings.polarity, first, told, d)
+        if frame is not None:
+            flag[rows] = STANDS.format(frame, track.x[frame], track.y[frame])
     return without(track, flag) if (flag != track.flag).any() else track
+
+
+def _places(track: BallTrack, good: NDArray[np.int64], reach: float) -> list[NDArray[np.int64]]:
+    """The good rows in groups of one place: those about the first row that is in none yet."""
+    left, groups = good, []
+    while left.size:
+        near = np.hypot(track.x[left] - track.x[left[0]], track.y[left] - track.y[left[0]]) < reach
+        groups.append(left[near])
+        left = left[~near]
+    return groups
+
+
+def _without_ball(
+    track: BallTrack, kept: AtHand, polarity: str, first: NDArray[np.int64], told: NDArray[np.int64], d: float
+) -> int | None:
+    """A frame of the head in which the same as in the rows told is seen at their place, and the ball elsewhere; None
+    where another frame shows something else there."""
+    x, y = float(np.median(track.x[told])), float(np.median(track.y[told]))
+    away = first[np.hypot(track.x[first] - x, track.y[first] - y) > 1.2 * d]
+    at_hand = away[np.isin(away, list(kept.whole))]
+    away = at_hand if at_hand.size >= ASKED else away
+    if not away.size:
+        return None
+    here: Found | None = None
+    for g in away[np.unique(np.linspace(0, away.size - 1, min(ASKED, away.size)).astype(int))]:
+        there = ball_at(View.of(kept[int(g)]), x, y, d, polarity)
+        if there is None:
+            return None
+        if here is None:
+            nearest = int(told[np.argmin(np.hypot(track.x[told] - x, track.y[told] - y))])
+            here = ball_at(kept.view(nearest), x, y, d, polarity)
+        if here is None or not _same_object(here, there):
+            return None
+    return int(away[0])
 
 
 def _of_the_clicked(moving: BallTrack, track: BallTrack, settings: BallSettings, d: float) -> bool:
