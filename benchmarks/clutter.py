@@ -6,9 +6,10 @@
 Families: `toss` (a ball before chalk, studs, glints, a shadow, a hand that lets go), `alike` (two alike balls, tossed),
 `toy` (a spinning thing of three tones before chalk, brick and a floor), `wrong` (a dark ball, called bright), `nine`
 (nine discs of one size in a box, one clicked), `fast` (12 px, 3 to 7 diameters a frame, clicked), `pendulum` (a ball of
-two tones), `swing` (a pendulum's plain ball), `rod` (a ball that rests, hops and rests again). Edges are drawn by the normal distribution of the distance to them: no sub-pixels, as `benchmarks.clips`
-has, and nothing of the virtual laboratory. A row is false where it is unflagged and half a diameter or more off;
-`--longer` cuts films of 600 frames at four lengths and compares the rows that these share.
+two tones), `swing` (a pendulum's plain ball), `rod` (a ball that rests, hops and rests again). Edges are drawn by the
+normal distribution of the distance to them: no sub-pixels, as `benchmarks.clips` has, and nothing of the virtual
+laboratory. A row is false where it is unflagged and half a diameter or more off; `--longer` cuts films of 600 frames at
+four lengths and compares the rows that these share.
 """
 
 from __future__ import annotations

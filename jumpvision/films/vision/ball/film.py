@@ -16,7 +16,7 @@ from jumpvision.films.frames.base import Frames
 
 from .background import Background, SceneSum, View, Window
 from .measure import AS_THEY_ARE, Block, Found, window_half
-from .moving import HEADS, AtHand, Head, still_scene
+from .moving import HEAD, AtHand, Head, still_scene
 from .pieces import in_pieces
 from .reasons import Flag, Reason
 from .refine import refined
@@ -61,7 +61,7 @@ class Samples:
     def see(self, i: int, image: Image, found: Found) -> None:
         """Frame i, where the ball was found."""
         if not found.flag:
-            self._end = min(self._end, i + HEADS[0])
+            self._end = min(self._end, i + HEAD)
         if i >= self._end:
             return
         most = min(SAMPLES, KEPT // max(1, image.nbytes))
@@ -182,7 +182,7 @@ class FilmTracker:
 
         scene = still_scene(head)
         other = still or (dark and is_shadow(track, head, scene))
-        flying = in_flight(head.film, scene, self.settings.diameter, None, n) if other or holes else None
+        flying = in_flight(head, scene, self.settings.diameter, None) if other or holes else None
         if flying is None or not (other or np.count_nonzero(flying.flag[:n] == "") > MORE * seen.size):
             return None
         return replace(flying, notes=(FLYING,))
@@ -282,7 +282,8 @@ def _stride(i: int) -> int:
 
 
 def _better(first: BallTrack, again: BallTrack) -> bool:
-    """Whether a second track loses no more of the first frames, and is no less certain there."""
-    look = slice(0, HEADS[0])
+    """Whether a second track loses no more of the first frames, and is about as certain there: what the scene pulls
+    stands in no sigma of the first."""
+    look = slice(0, HEAD)
     lost = np.count_nonzero(again.flag[look] != "") > np.count_nonzero(first.flag[look] != "")
-    return not (lost or np.nanmedian(again.sigma[look]) > np.nanmedian(first.sigma[look]))
+    return not (lost or np.nanmedian(again.sigma[look]) > 1.05 * np.nanmedian(first.sigma[look]))

@@ -26,7 +26,8 @@ from .search import find_blobs
 from .unknowns import A, B
 
 SAMPLED = 41  # frames of which the scene is the median
-HEADS = (150, 400)  # frames from the first that decide how a film is followed; the more where the fewer show nothing
+HEADS = (60, 150, 400)  # frames from the first that decide how a film is followed, see `heads`
+HEAD = HEADS[1]
 MOST_FRAMES = HEADS[-1]
 ALIKE = 1.3  # largest ratio of diameters along a path, and CONTRASTS of contrasts
 CONTRASTS = 1.8
@@ -68,10 +69,12 @@ class AtHand:
 
 
 class Head:
-    """The first n frames of a film. They decide how it is followed: a longer film as a shorter one."""
+    """The first n frames of a film. They decide how it is followed: a longer film as a shorter one. least: rows of a
+    path by which they do."""
 
     def __init__(self, frames: Frames, n: int):
         self.film, self._n = frames, min(n, len(frames))
+        self.least = self._n // 2 if self._n < min(HEAD, len(frames)) else 0
 
     def __len__(self) -> int:
         return self._n
@@ -81,13 +84,14 @@ class Head:
 
 
 def heads(frames: Frames) -> list[Head]:
-    """Of HEADS frames, as far as there are some."""
+    """Of HEADS frames, as far as there are some: the first decide where something moves through most of them, the last
+    where the others show nothing."""
     return [Head(frames, n) for k, n in enumerate(HEADS) if k == 0 or len(frames) > HEADS[k - 1]]
 
 
 def head_rows(good: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Of a track's good rows those of its first HEADS frames, which decide on all: a longer film has the same."""
-    return good[good < good[0] + HEADS[0]]
+    """Of a track's good rows those of its first HEAD frames, which decide on all: a longer film has the same."""
+    return good[good < good[0] + HEAD]
 
 
 @dataclass(frozen=True)

@@ -56,7 +56,7 @@ def validated(
         better = moving or track
         if (flying := flies(better, head)) is not None:
             return flying
-        if moving or not is_still(track, look):
+        if moving or not (head.least or is_still(track, look)):
             return better
     if is_still(track) and good.sum() >= STAYS and len(frames) > STAYS:
         return _doubted(track, frames, head, settings, d)
@@ -78,14 +78,16 @@ def _moving(track: BallTrack, frames: Frames, head: Head, settings: BallSettings
     if seed and track.flag[0] and (two := _two_from(ours, seed)):
         good[[s.i for s in ours[0]]] = True
         return without(track, np.where(good, WHICH.format(*two), track.flag))
-    if not ours:
+    if not ours or len(ours[0]) < head.least:
         return None
     # of 12 frames the median is a scene to take out
     moving = follow(ours[0], frames, settings, scene if len(frames) >= 12 else None)
     # the search must find the ball moving in a tenth more frames
     more = _movers(moving, d, len(head)) > MORE * _movers(track, d, len(head))
     if (still and settings.seed is None) or (more and _of_the_clicked(moving, track, settings, d)):
-        return _with_notes(without_still_objects(moving, frames, settings), ours, still and bool(good.any()), track)
+        return _with_notes(
+            without_still_objects(moving, frames, settings), ours, track, np.flatnonzero(good[: len(head)])
+        )
     return None
 
 
@@ -263,11 +265,11 @@ def _same_object(one: Found, two: Found) -> bool:
     return math.hypot(one.x - two.x, one.y - two.y) < 0.2 * one.diameter and 0.67 < a / b < 1.5
 
 
-def _with_notes(track: BallTrack, paths: Sequence[Path], stood: bool, before: BallTrack) -> BallTrack:
-    """With notes of what was not taken: only of what was seen beside the ball."""
+def _with_notes(track: BallTrack, paths: Sequence[Path], before: BallTrack, rows: NDArray[np.int64]) -> BallTrack:
+    """With notes of what was not taken: only of what was seen beside the ball. before, rows: the track that another
+    has been preferred to, and its good rows in the head."""
     notes = list(track.notes)
-    rows = np.flatnonzero(before.flag == "")
-    if stood and rows.size >= 2:
+    if rows.size >= 2 and is_still(before, slice(0, int(rows[-1]) + 1)):
         x, y = np.median(before.x[rows]), np.median(before.y[rows])
         if _beside(track, rows, before.x[rows], before.y[rows]):
             notes.append(f"a ball-like thing at ({x:.0f}, {y:.0f}) stands still and was not taken: another moves")

@@ -31,19 +31,18 @@ CENTRE = "the target is a ball in flight: positions are of its centre, not of th
 KNOWN = ", known in its picture to {:.2g} px, an offset that turns with the ball"
 
 
-def in_flight(
-    frames: Frames, scene: Float32, diameter: float | None, seed: tuple[float, float] | None, n: int
-) -> BallTrack | None:
+def in_flight(head: Head, scene: Float32, diameter: float | None, seed: tuple[float, float] | None) -> BallTrack | None:
     """The ball that flies from the seed, or the farthest where none is given, in every frame; None where nothing flies
-    in the first n, it is not round, of another diameter [px], or its picture does not hold. notes: of what its
+    in the film's head, it is not round, of another diameter [px], or its picture does not hold. notes: of what its
     positions are."""
-    if len(frames) < FLIGHT:
+    frames, n = head.film, len(head)
+    if n < FLIGHT:
         return None
-    path = _path(Head(frames, n), scene, diameter or GUESS, seed)
+    path = _path(head, scene, diameter or GUESS, seed)
     if path is not None and diameter is None:
         size = _size(frames, scene, path)
-        path = _path(Head(frames, n), scene, size, seed)
-    if path is None:
+        path = _path(head, scene, size, seed)
+    if path is None or len(path) < head.least:
         return None
     from .joint import adjusted  # loaded where something flies
     from .layer import learned

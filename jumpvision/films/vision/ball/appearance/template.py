@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from jumpvision.base.arrays import Array, Float32
 from jumpvision.films.frames.base import Frames
 from jumpvision.films.vision.ball.measure import Found
-from jumpvision.films.vision.ball.moving import HEADS, heads, still_scene
+from jumpvision.films.vision.ball.moving import HEAD, heads, still_scene
 from jumpvision.films.vision.ball.reasons import GOOD, Flag, Reason
 from jumpvision.films.vision.ball.track import BallSettings, BallTrack, as_track
 
@@ -53,14 +53,14 @@ def track_template(frames: Frames, settings: BallSettings) -> BallTrack:
     assert settings.seed is not None
     for head in heads(frames):
         scene = still_scene(head)
-        flying = in_flight(frames, scene, settings.diameter, settings.seed, len(head))
+        flying = in_flight(head, scene, settings.diameter, settings.seed)
         if flying is not None:
             return flying
     target = _cut(np.asarray(frames[0], np.float32), *settings.seed, settings.diameter or DIAMETER)
     if not target.contrast > 0:
         return as_track([Found(Flag(Reason.ONE_GREY))] * len(frames))
     found, turns = _through(frames, settings, target, scene)
-    good = [i for i, f in enumerate(found[: HEADS[0]]) if not f.flag]
+    good = [i for i, f in enumerate(found[:HEAD]) if not f.flag]
     some = good[:: max(1, len(good) // FOLDED)][:FOLDED]
     if len(some) >= 4:
         k = target.grey.shape[0]
