@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from jumpvision.base.arrays import MAD, Float32, Image
 from jumpvision.base.threads import at_once
@@ -59,7 +60,8 @@ def in_flight(head: Head, scene: Float32, diameter: float | None, seed: tuple[fl
     on_path = [not places[s.i].found.flag for s in path]
     if np.mean(on_path) < SURE:
         return None
-    better = adjusted(frames, scene, places, layer, outlined, n)
+    with threadpool_limits(1, "blas"):  # the matrices are small: threads of BLAS wait for each other
+        better = adjusted(frames, scene, places, layer, outlined, n)
     # a ball whose rim is not seen all round must fit so well, and its centre [px] be known so well
     if not outlined and (better is None or better.misfit > 1.5 or better.centre > 0.1):
         return None
