@@ -17,7 +17,7 @@ from jumpvision.films.parameters import SMALLEST_BALL
 from .background import Background, View
 from .identity import ball_at
 from .measure import Found, Start
-from .moving import AtHand, Head, Path, Spot, at, elsewhere, head_rows, heads, like, moving_paths, still_scene
+from .moving import HOLE, AtHand, Head, Path, Spot, at, elsewhere, head_rows, heads, like, moving_paths, still_scene
 from .pieces import without
 from .reasons import Flag, Reason
 from .track import BallSettings, BallTrack, BallTracker, as_track
@@ -73,8 +73,10 @@ def _moving(track: BallTrack, frames: Frames, head: Head, settings: BallSettings
     came = 0.5 if len(paths) > 1 else 1.5
     ours = [p for p in paths if settings.seed is None or _begins(p, settings.seed, came)]
     if seed := settings.seed:  # of those about as long as the longest: a shadow flies beside its ball
-        # paths below 0.7 of the longest are not preferred for lying nearer to the seed
-        ours = sorted(ours, key=lambda p: (len(p) < 0.7 * len(ours[0]), _distance_to_seed(p, seed)))
+        # paths below 0.7 of the longest are not preferred for lying nearer to the seed, but for lying on it
+        ours = sorted(
+            ours, key=lambda p: (not _from_seed(p, seed), len(p) < 0.7 * len(ours[0]), _distance_to_seed(p, seed))
+        )
     if seed and track.flag[0] and (two := _two_from(ours, seed)):
         good[[s.i for s in ours[0]]] = True
         return without(track, np.where(good, WHICH.format(*two), track.flag))
@@ -82,8 +84,11 @@ def _moving(track: BallTrack, frames: Frames, head: Head, settings: BallSettings
         return None
     # of 12 frames the median is a scene to take out
     moving = follow(ours[0], frames, settings, scene if len(frames) >= 12 else None)
+    look = slice(0, len(head))
+    if seed and _from_seed(ours[0], seed):  # what is seen after it may be another ball
+        look = slice(0, ours[0][-1].i + 1)
     # the search must find the ball moving in a tenth more frames
-    more = _movers(moving, d, len(head)) > MORE * _movers(track, d, len(head))
+    more = _movers(moving, d, look) > MORE * _movers(track, d, look)
     if (still and settings.seed is None) or (more and _of_the_clicked(moving, track, settings, d)):
         return _with_notes(
             without_still_objects(moving, frames, settings), ours, track, np.flatnonzero(good[: len(head)])
@@ -220,12 +225,18 @@ def _of_the_clicked(moving: BallTrack, track: BallTrack, settings: BallSettings,
     return math.hypot(moving.x[0] - track.x[0], moving.y[0] - track.y[0]) < d
 
 
-def _movers(track: BallTrack, d: float, n: int) -> int:
-    """Of the first n frames, those in which the ball is where it is in few others."""
-    good = track.flag[:n] == ""
-    x, y = track.x[:n][good], track.y[:n][good]
+def _movers(track: BallTrack, d: float, look: slice) -> int:
+    """Of the frames looked at, those in which the ball is where it is in few others."""
+    good = track.flag[look] == ""
+    x, y = track.x[look][good], track.y[look][good]
     near = np.hypot(x[:, None] - x, y[:, None] - y) < PLACE * d
     return int(np.count_nonzero(near.sum(axis=1) < STAYS + 1))
+
+
+def _from_seed(path: Path, seed: tuple[float, float]) -> bool:
+    """Whether a path of six frames or more begins in the first, at the seed."""
+    first = path[0]
+    return len(path) >= 6 and first.i == 0 and math.dist((first.x, first.y), seed) < 0.5 * first.d
 
 
 def _begins(path: Path, seed: tuple[float, float], came: float) -> bool:
@@ -255,7 +266,7 @@ def _two_from(ours: list[Path], seed: tuple[float, float]) -> tuple[float, ...] 
 def _distance_to_seed(path: Path, seed: tuple[float, float]) -> float:
     """From the seed to where a path begins, or would have in the first frame, whichever is nearer [px]."""
     first = path[0]
-    x, y = at(path, 0) if first.i <= STAYS else (first.x, first.y)
+    x, y = at(path, 0) if first.i <= HOLE else (first.x, first.y)
     return min(math.hypot(first.x - seed[0], first.y - seed[1]), math.hypot(x - seed[0], y - seed[1]))
 
 
