@@ -87,11 +87,16 @@ class _Way:
             key=lambda k: (self._reach_in_head(k) > DRIFT, np.count_nonzero(self.pieces[k] < self._head)),
         )
         moves = self.pieces[0].size > 1 and self._reach_in_head(0) > DRIFT
-        others = {1, main} if first and main else set[int]()
-        if others and (moves or any(self._beside(self.pieces[0], self.pieces[k]) is not None for k in others)):
-            main = 0
-        self._look = _Look(self._track, self._good, self.pieces[main][self.pieces[main] < self._head])
+        if first and main:
+            apart = any(self._beside(self.pieces[0], self.pieces[k]) is not None for k in {1, main})
+            # in a hand, too, it is of no other grey
+            if moves or apart or self._looks(main).other(self.pieces[0], 2.0):
+                main = 0
+        self._look = self._looks(main)
         return main
+
+    def _looks(self, k: int) -> _Look:
+        return _Look(self._track, self._good, self.pieces[k][self.pieces[k] < self._head])
 
     def _reach_in_head(self, k: int) -> float:
         p = self.pieces[k]
@@ -253,12 +258,12 @@ class _Look:
             self._least["grey"] = OTHER_GREY * float(np.median(np.abs(track.contrast[good][own])))
         self._own = {n: (float(np.median(v[own])), _scatter(v[own])) for n, v in self._values.items()}
 
-    def other(self, piece: Ints) -> str:
-        """Why a piece is of another thing; empty where it is not, or nothing is known."""
+    def other(self, piece: Ints, times: float = 1.0) -> str:
+        """Why a piece is of another thing, by so many times what tells; empty where it is not, or nothing is known."""
         for name, values in self._values.items():
             usual, scatter = self._own[name]
             value = float(np.median(values[piece]))
-            if abs(value - usual) > max(self._least[name], SCATTER * scatter):
+            if abs(value - usual) > times * max(self._least[name], SCATTER * scatter):
                 return OTHER.format(name, value, usual)
         return ""
 

@@ -89,7 +89,7 @@ def _moving(track: BallTrack, frames: Frames, head: Head, settings: BallSettings
         look = slice(0, ours[0][-1].i + 1)
     # the search must find the ball moving in a tenth more frames
     more = _movers(moving, d, look) > MORE * _movers(track, d, look)
-    if (still and settings.seed is None) or (more and _of_the_clicked(moving, track, settings, d)):
+    if (still and settings.seed is None) or (more and _of_the_clicked(moving, track, settings, ours[0], d)):
         return _with_notes(
             without_still_objects(moving, frames, settings), ours, track, np.flatnonzero(good[: len(head)])
         )
@@ -218,11 +218,19 @@ def _without_ball(
     return int(away[0])
 
 
-def _of_the_clicked(moving: BallTrack, track: BallTrack, settings: BallSettings, d: float) -> bool:
-    """Whether what moves is not beside what was clicked, in the first frame."""
-    if settings.seed is None or track.flag[0] or moving.flag[0]:
+def _of_the_clicked(moving: BallTrack, track: BallTrack, settings: BallSettings, path: Path, d: float) -> bool:
+    """Whether what moves is not beside what was clicked: in the first frame, or where its path begins soon after what
+    was followed from the click."""
+    if settings.seed is None or track.flag[0]:
         return True
-    return math.hypot(moving.x[0] - track.x[0], moving.y[0] - track.y[0]) < d
+    if not moving.flag[0]:
+        return math.hypot(moving.x[0] - track.x[0], moving.y[0] - track.y[0]) < d
+    good, first = np.flatnonzero(track.flag == ""), path[0]
+    ends = np.flatnonzero(np.diff(good) > HOLE)
+    last = int(good[min(ends[0] if ends.size else good.size - 1, max(np.searchsorted(good, first.i) - 1, 0))])
+    gap, speed = first.i - last, math.dist((first.x, first.y), (path[1].x, path[1].y)) / (path[1].i - first.i)
+    away = math.hypot(first.x - track.x[last], first.y - track.y[last])
+    return gap <= HOLE and away < 1.5 * d + gap * speed
 
 
 def _movers(track: BallTrack, d: float, look: slice) -> int:
@@ -240,10 +248,11 @@ def _from_seed(path: Path, seed: tuple[float, float]) -> bool:
 
 
 def _begins(path: Path, seed: tuple[float, float], came: float) -> bool:
-    """Whether a path may have begun at the seed in the first frame, so many times its speed away by then."""
+    """Whether a path may have begun at the seed in the first frame: so many times its speed away by then, in no more
+    frames than a path may be hidden for."""
     first, second = path[0], path[1]
     speed = math.hypot(second.x - first.x, second.y - first.y) / (second.i - first.i)
-    return _distance_to_seed(path, seed) < 1.5 * first.d + came * speed * max(first.i, 0)
+    return _distance_to_seed(path, seed) < 1.5 * first.d + came * speed * min(first.i, HOLE)
 
 
 def _two_from(ours: list[Path], seed: tuple[float, float]) -> tuple[float, ...] | None:
