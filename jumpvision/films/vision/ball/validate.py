@@ -226,8 +226,8 @@ def _of_the_clicked(moving: BallTrack, track: BallTrack, settings: BallSettings,
     if not moving.flag[0]:
         return math.hypot(moving.x[0] - track.x[0], moving.y[0] - track.y[0]) < d
     good, first = np.flatnonzero(track.flag == ""), path[0]
-    ends = np.flatnonzero(np.diff(good) > HOLE)
-    last = int(good[min(ends[0] if ends.size else good.size - 1, max(np.searchsorted(good, first.i) - 1, 0))])
+    followed = np.split(good, np.flatnonzero(np.diff(good) > HOLE) + 1)[0]
+    last = int(followed[max(int(np.searchsorted(followed, first.i)) - 1, 0)])
     gap, speed = first.i - last, math.dist((first.x, first.y), (path[1].x, path[1].y)) / (path[1].i - first.i)
     away = math.hypot(first.x - track.x[last], first.y - track.y[last])
     return gap <= HOLE and away < 1.5 * d + gap * speed
