@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextvars import copy_context
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -166,8 +166,8 @@ class FilmTracker:
         second = [as_track(list(f)) for f in zip(*found, strict=True)]
         if len(second) == 1 and not self.settings.streak:  # a sticker's remains, where the ball has left
             second = [without_still_objects(second[0], frames, self.settings)]
-        better = [b if _better(a, b) else a for a, b in zip(first, second, strict=True)]
-        return self._refined(better) if len(frames) <= LEARNED[0] or better[0] is second[0] else better
+        better = [_better(a, b) for a, b in zip(first, second, strict=True)]
+        return self._refined(better) if len(frames) <= LEARNED[0] or better[0] is not first[0] else better
 
     def _flying(self, track: BallTrack, head: Head) -> BallTrack | None:
         """A ball of any face that nobody clicked, where it flies and is found more often than the disc; or None."""
@@ -281,9 +281,15 @@ def _stride(i: int) -> int:
     return 1 << max(0, int(math.log2(max(i, 1) / VIEWS)) + 1 if i >= VIEWS else 0)
 
 
-def _better(first: BallTrack, again: BallTrack) -> bool:
-    """Whether a second track loses no more of the first frames, and is about as certain there: what the scene pulls
-    stands in no sigma of the first."""
+def _better(first: BallTrack, again: BallTrack) -> BallTrack:
+    """A second track where it is about as certain in the first frames (what the scene pulls stands in no sigma of the
+    first), with the first's rows where it loses more of these; else the first."""
     look = slice(0, HEAD)
-    lost = np.count_nonzero(again.flag[look] != "") > np.count_nonzero(first.flag[look] != "")
-    return not (lost or np.nanmedian(again.sigma[look]) > 1.05 * np.nanmedian(first.sigma[look]))
+    if not np.nanmedian(again.sigma[look]) <= 1.05 * np.nanmedian(first.sigma[look]):
+        return first
+    if np.count_nonzero(again.flag[look] != "") <= np.count_nonzero(first.flag[look] != ""):
+        return again
+    lost = again.flag != ""
+    rows = {f.name: (getattr(first, f.name), getattr(again, f.name)) for f in fields(first) if f.name != "notes"}
+    known = {k: np.where(lost, a, b) for k, (a, b) in rows.items() if a is not None and b is not None}
+    return replace(again, **known)
