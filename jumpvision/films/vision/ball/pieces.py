@@ -89,8 +89,8 @@ class _Way:
         moves = self.pieces[0].size > 1 and self._reach_in_head(0) > DRIFT
         if first and main:
             apart = any(self._beside(self.pieces[0], self.pieces[k]) is not None for k in {1, main})
-            # in a hand, too, it is of no other grey
-            if moves or apart or self._looks(main).other(self.pieces[0], 2.0):
+            # a hand's shade changes its grey by some tenth of the contrast
+            if moves or apart or self._looks(main).other(self.pieces[0], 4.0):
                 main = 0
         self._look = self._looks(main)
         return main
