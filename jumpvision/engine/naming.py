@@ -91,6 +91,9 @@ def name(
         search.race(varying(search, beside))
         if known in search.fits:
             check_likelier(search, known)
+    top = max(search.fits, key=search.log_probability)
+    if not has_own(problem, search.fits[top]):
+        search.race(exchanges(search, top))  # the simpler cause in its place may not have been tried
     passing = likelier(search)
     key = passing[0] if passing else established(search)
     if key:
