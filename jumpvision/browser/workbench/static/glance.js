@@ -2,7 +2,6 @@
 import { attempt, get, on, store } from "./store.js";
 import { button, element } from "./fields.js";
 import { axis, colour, curve } from "./flow_plot.js";
-import uPlot from "./vendor/uplot/uPlot.esm.js";
 
 const box = document.getElementById("glance"), sheet = box.querySelector(".sheet"), said = document.getElementById("glance-said"), begin = document.getElementById("glance-open");
 let open = () => {};

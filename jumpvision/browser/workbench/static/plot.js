@@ -5,7 +5,6 @@ import { button, element, row } from "./fields.js";
 import { track } from "./find.js";
 import { seek } from "./player.js";
 import { table } from "./table.js";
-import uPlot from "./vendor/uplot/uPlot.esm.js";
 
 const box = document.getElementById("step-plot"), CLICK = 4; // px that a pointer may move and still click
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();

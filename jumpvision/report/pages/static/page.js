@@ -96,7 +96,10 @@ function table(spec) {
 }
 
 const charts = [...document.querySelectorAll("figure.chart")].map((figure) => new Chart(figure));
+const redraw = () => { for (const c of charts) c.draw(); };
 addEventListener("beforeprint", () => { // paper has no folds
   for (const fold of document.querySelectorAll("details.fold")) fold.open = true;
-  for (const c of charts) c.draw();
+  redraw();
 });
+// A canvas holds its colours: drawn anew for paper, and where the screen turns dark.
+for (const media of ["print", "(prefers-color-scheme: dark)"]) matchMedia(media).addEventListener("change", redraw);
