@@ -499,14 +499,17 @@ def until(page, condition):
         page.wait_for_timeout(30)
 
 
-# Of every panel, how many of its series have their own colour on the canvas; a map: the colour of its middle cell.
+# Of every panel, how many of its series lack their own colour on the canvas; a map: the colour of its first cell.
 INK = """() => charts.flatMap(c => c.panels.map(p => {
-  const {canvas, data} = p.u.ctx, pixels = p.u.ctx.getImageData(0, 0, canvas.width, canvas.height).data;
-  const has = ([r, g, b]) => { for (let i = 0; i < pixels.length; i += 4)
-    if (Math.abs(pixels[i] - r) + Math.abs(pixels[i + 1] - g) + Math.abs(pixels[i + 2] - b) < 6 && pixels[i + 3] > 250) return true;
-    return false; };
-  const of = s => s.kind === 'map' ? shade(s.signed ? SIGNED : VIRIDIS, (s.z.flat().find(v => v !== null) - s.limits[0]) / (s.limits[1] - s.limits[0])) : rgb(ink(s));
-  return p.shown().filter(s => has(of(s))).length - p.shown().length;
+  const {canvas} = p.u.ctx, pixels = p.u.ctx.getImageData(0, 0, canvas.width, canvas.height).data;
+  const has = (colour) => {
+    const off = (i) => colour.reduce((sum, v, k) => sum + Math.abs(pixels[i + k] - v), 0);
+    for (let i = 0; i < pixels.length; i += 4) if (pixels[i + 3] > 250 && off(i) < 6) return true;
+    return false;
+  };
+  const cell = s => (s.z.flat().find(v => v !== null) - s.limits[0]) / (s.limits[1] - s.limits[0]);
+  const of = s => s.kind === 'map' ? shade(s.signed ? SIGNED : VIRIDIS, cell(s)) : rgb(ink(s));
+  return p.shown().filter(s => !has(of(s))).length;
 }))"""
 
 

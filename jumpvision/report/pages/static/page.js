@@ -22,7 +22,11 @@ class Chart {
     if (names.size > 1) for (const [name, s] of names) body.querySelector(".legend").append(this.button(name, s));
     body.append(table(spec));
     this.body = body;
-    new ResizeObserver(() => this.draw()).observe(body);
+    new ResizeObserver(() => { // of a height that its own drawing made: no
+      if (body.clientWidth === this.width) return;
+      this.width = body.clientWidth;
+      this.draw();
+    }).observe(body);
   }
 
   draw() { for (const p of this.panels) { p.draw(); if (p.cursor) p.show(null); } }
