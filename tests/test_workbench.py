@@ -61,8 +61,8 @@ def served():
     """Serves the workbench of a path."""
     open_ones = []
 
-    def serve(path: Path) -> Server:
-        s = Server(path, 0)
+    def serve(path: Path, study: str = "") -> Server:
+        s = Server(path, 0, study)
         open_ones.append(s)
         threading.Thread(target=s.serve_forever, daemon=True).start()
         return s
