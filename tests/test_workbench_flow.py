@@ -612,6 +612,45 @@ def test_the_bed_s_threshold_is_moved_by_hand_and_written(tmp_path, browser, ser
     assert np.round(found["profile"]["row_px"], 2).tolist() == seen and h.said == []
 
 
+def test_the_crater_s_threshold_and_radius_are_moved_by_hand_and_written(tmp_path, browser, served):
+    """A line that is faint on one side: how faint may be moved, and the run finds what was seen, to the last digit."""
+    folder = tmp_path / "crater"
+    folder.mkdir()
+    rng, x, rows = np.random.default_rng(2), np.arange(300), np.arange(120)[:, None]
+    line = 50 + 25 * np.exp(-(((x - 150.3) / 40) ** 2))
+    crest = np.where(x < 40, 24.0, 160.0)  # 40 columns at 0.15 of the rest
+    light = 20 + crest * np.exp(-0.5 * ((rows - line) / 1.8) ** 2) + rng.normal(0, 1, (120, 300))
+    cv2.imwrite(str(folder / "crater.png"), np.clip(light, 0, 255).astype(np.uint8))
+    (folder / "experiment.toml").write_text('schema = 1\n[crater_image]\nfile = "crater.png"\nscale = 1e-3\n')
+    h = Hand(browser, served(folder))
+    h.page.keyboard.press("t")
+    h.until("workbench.store.bed")
+    assert h.get("workbench.store.bed.lost") == pytest.approx(40, abs=4) and "cm³" in h.page.inner_text("#volume")
+    level = h.page.get_by_label("Least contrast of the line, of the typical one")
+    box = level.bounding_box()
+    h.page.mouse.move(box["x"] + 0.2 * box["width"], box["y"] + box["height"] / 2)
+    h.page.mouse.down()
+    h.page.mouse.move(box["x"] + 0.06 * box["width"], box["y"] + box["height"] / 2, steps=5)
+    h.page.mouse.up()
+    let_go = float(level.input_value())
+    h.until(f"workbench.store.table.params?.crater?.contrast === {let_go} && workbench.store.bed.contrast === {let_go}")
+    assert h.get("workbench.store.bed.lost") < 10
+    h.page.get_by_label("Undisturbed beyond [mm]").fill("110")
+    h.until("workbench.store.bed.radius === 0.11")
+    seen = h.get("workbench.store.bed")
+    good = [k for k, r in enumerate(seen["row"]) if r is not None]
+    assert np.abs(np.array(seen["row"])[good].astype(float) - line[good])[40:].max() < 0.5
+    h.click("#tab-run")
+    h.click("#write")
+    h.page.wait_for_selector("text=Written:")
+    written = tomllib.loads((folder / "experiment.toml").read_text())["params"]["crater"]
+    assert written == {"contrast": let_go, "radius": 0.11}
+    found = json.loads((stage("crater", folder) / "crater.json").read_text())
+    assert [found["volume_m3"], found["sigma_m3"]] == seen["volume"] and h.said == []
+    rounded = [None if r is None else round(r, 2) for r in found["line"]["row_px"]]
+    assert rounded == seen["row"]
+
+
 def test_a_campaign_at_a_glance_marks_what_stands_out_and_opens_it(tmp_path, browser, served):
     campaign = tmp_path / "drops"
     campaign.mkdir()

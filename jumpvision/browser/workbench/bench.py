@@ -30,13 +30,14 @@ from jumpvision.experiment.inputs.sections import (
     Bed,
     BedImage,
     Calibration,
+    CraterImage,
     Robot,
     RodCorrections,
     RodVideo,
 )
 from jumpvision.experiment.results.tables import Simulation
 from jumpvision.experiment.stages.recordings import SCALE_OF_PIXELS
-from jumpvision.films.parameters import BedParams, TrackParams
+from jumpvision.films.parameters import BedParams, CraterParams, TrackParams
 
 from .adding import Adding
 from .draft import CORRECTIONS, HEAD, Composed, Draft, composed, placed
@@ -48,7 +49,7 @@ from .following import Following, Row, balls_of, section_of
 from .glance import Row as Glanced
 from .glance import glance, small
 from .logs import Trace, traces
-from .matching import BedLine, bed_line
+from .matching import BedLine, CraterLine, bed_line, crater_line
 from .own import height
 from .plotting import Fitted, Motion
 from .running import Running
@@ -310,6 +311,16 @@ class Bench:
             raise InputError([f"{self.folder}: no [bed_image] here: no surface to find"])
         sections = made.section(Bed), made.section(Calibration)
         return bed_line(image, *sections, made.params(BedParams), self.film("bed_image").grey(frame))
+
+    def crater(self, draft: Draft, frame: int) -> CraterLine:
+        """The laser line over a crater in one picture."""
+        made = self.composed(draft)
+        image = made.section(CraterImage)
+        if image is None:
+            raise InputError([f"{self.folder}: no [crater_image] here: no line to find"])
+        return crater_line(
+            image, made.section(Calibration), made.params(CraterParams), self.film("crater_image").grey(frame)
+        )
 
     def logs(self, draft: Draft) -> Sequence[Trace]:
         """The logs under the film."""

@@ -191,6 +191,7 @@ QUESTIONS: dict[str, Callable[[Benches, Question], object]] = {
     "/api/add/end": _added,
     "/api/add/stop": lambda b, _: {"problem": b.stop_adding()},
     "/api/bed": lambda b, q: b.bench.bed(draft_of(q.get("draft")), _whole(q, "frame")),
+    "/api/crater": lambda b, q: b.bench.crater(draft_of(q.get("draft")), _whole(q, "frame")),
     "/api/columns": lambda b, q: _motion(b, q).columns(),
     "/api/fit": _fit,
     "/api/simulated": lambda b, q: b.simulated(draft_of(q.get("draft"))),
