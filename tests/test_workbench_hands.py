@@ -94,6 +94,8 @@ class Fingers(Hand):
         self.touch("Start", *(a for a, _ in ways))
         for k in (0.2, 0.4, 0.6, 0.8, 1.0):
             self.touch("Move", *((a[0] + k * (b[0] - a[0]), a[1] + k * (b[1] - a[1])) for a, b in ways))
+        self.page.wait_for_timeout(150)  # it rests before it is lifted: else it flings, and the next tap stops that
+        self.touch("Move", *(b for _, b in ways))
         self.touch("End")
         self.page.wait_for_timeout(350)  # a tap at once would be the second of a double tap
 
