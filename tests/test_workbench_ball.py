@@ -6,7 +6,6 @@ import csv
 import io
 import json
 import math
-import os
 import time
 import tomllib
 from pathlib import Path
@@ -14,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.stats import chi2
-from test_workbench import Page, asked, falling, hard, served, until  # noqa: F401 (served, hard: fixtures)
+from test_workbench import Page, asked, falling, hard, in_time, served, until  # noqa: F401 (served, hard: fixtures)
 
 from jumpvision.base.schema import InputError
 from jumpvision.browser.workbench.bench import Benches
@@ -402,20 +401,23 @@ def test_what_cannot_be_plotted_or_fitted_says_why(tmp_path, served):  # noqa: F
 
 @pytest.mark.long
 def test_a_frame_is_seen_within_50_ms_of_the_hand(tmp_path, served, browser):  # noqa: F811
-    """1 megapixel, 95 % of 150 frames that a hand goes to one after another."""
-    if os.getloadavg()[0] > 1.5 * (os.cpu_count() or 1):
-        pytest.skip(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores: times would be those of other programs")
+    """1 megapixel, 95 % of 150 frames that a hand goes to one after another; the best of three tries."""
     film = np.random.default_rng(1).integers(20, 60, (160, 1000, 1000), dtype=np.uint8)
     for i, image in enumerate(film):
         image[400:440, 4 * i : 4 * i + 40] = 200
     np.save(tmp_path / "rod.npy", film)
-    p = Hand(browser, served(tmp_path))
-    took = p.get("""async () => { const out = [], s = document.getElementById("scrub");
-      for (let i = 1; i <= 150; i++) { const t = performance.now(); s.value = i; s.dispatchEvent(new Event("input"));
-        while (workbench.player.shown !== i) await new Promise((r) => setTimeout(r, 1));
-        out.push(performance.now() - t); } return out; }""")
-    assert np.percentile(took, 95) <= 50, np.percentile(took, [50, 95])
-    p.page.context.close()
+
+    def p95() -> float:
+        p = Hand(browser, served(tmp_path))  # anew: no frame is kept from the try before
+        took = p.get("""async () => { const out = [], s = document.getElementById("scrub");
+          for (let i = 1; i <= 150; i++) { const t = performance.now();
+            s.value = i; s.dispatchEvent(new Event("input"));
+            while (workbench.player.shown !== i) await new Promise((r) => setTimeout(r, 1));
+            out.push(performance.now() - t); } return out; }""")
+        p.page.context.close()
+        return float(np.percentile(took, 95))
+
+    in_time(p95, 50.0)
 
 
 def test_the_simulated_jump_lies_over_the_film_with_its_residual(hard, served, browser):  # noqa: F811

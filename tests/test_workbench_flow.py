@@ -18,6 +18,8 @@ import cv2
 import numpy as np
 import pytest
 import xarray as xr
+from diagnosis_sample import causes as named_causes
+from diagnosis_sample import diagnosis, parameter
 
 import jumpvision as jv
 from jumpvision.base.record import plain
@@ -26,9 +28,9 @@ from jumpvision.browser.workbench.bench import Benches
 from jumpvision.browser.workbench.draft import draft_of
 from jumpvision.browser.workbench.flowing import OF_ONE, Asked, Batch
 from jumpvision.browser.workbench.server import Server
-from jumpvision.browser.workbench.why import said
+from jumpvision.browser.workbench.why import causes, said
 from jumpvision.cli import main
-from jumpvision.engine.document.values import Cell, Height
+from jumpvision.engine.document.values import Cell, Height, Pattern, Varies
 from jumpvision.experiment.init.recognise import recordings
 from jumpvision.experiment.results.tables import Profiles
 from jumpvision.experiment.stages.grains.flow import derivatives
@@ -728,6 +730,25 @@ def test_a_diagnosis_says_how_far_its_models_miss_a_jump():
     texts = said(d, "b")
     assert texts[:2] == ["model: height +2.00 mm", "extended model: height +0.10 mm"] and "flight, -3.00 mm" in texts[2]
     assert said(d, "a") == said(None, "b") == []
+
+
+def test_the_cause_of_a_diagnosis_stands_beside_the_residual():
+    """What is named for all jumps, and what is odd of one of them only there; nothing where nothing is known."""
+    apart = {"p_value": 1e-9, "of": None, "unit": "1", "declared": 1.0, "at": {}}
+    odd = [
+        Varies("scale", Pattern.ODD, recordings=("b",), value=1.04, low=1.03, high=1.05, established=e, **apart)
+        for e in (True, False)
+    ]
+    strength = {"C": parameter(2.7, 0.2)}
+    lacking = diagnosis(named=("added_mass",), causes=named_causes(("added_mass",), strength), varies=(odd[0],))
+    assert causes(None, "b") == []
+    texts = causes(lacking, "b")
+    assert "scale" in texts[0] and "4" in texts[0] and len(texts) == 2
+    assert texts[1] == causes(lacking, "a")[0] and len(causes(lacking, "a")) == 1
+    assert texts[1].startswith("the model lacks: added mass of the jammed cone (probability 0.9")
+    assert "C = 2.7" in texts[1]
+    assert causes(diagnosis(varies=(odd[1],)), "b") == ["diagnosis: no cause is named"]
+    assert causes(diagnosis(verdict="adequate"), "b") == ["diagnosis: the model is adequate"]
 
 
 @pytest.mark.long

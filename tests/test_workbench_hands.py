@@ -22,8 +22,18 @@ def test_space_plays_and_arrows_step(tmp_path, served, browser):  # noqa: F811
     falling(tmp_path / "ball")
     p = Hand(browser, served(tmp_path / "ball" / "rod.npy"))
     key, frame = p.page.keyboard.press, lambda: p.get("workbench.store.frame")
-    for pressed, there in (("ArrowRight", 1), ("ArrowRight", 2), ("ArrowLeft", 1), ("Shift+ArrowRight", 11),
-                           ("Shift+ArrowLeft", 1), ("End", 39), ("ArrowRight", 39), ("Home", 0), ("ArrowLeft", 0)):  # fmt: skip
+    steps = [
+        "ArrowRight",
+        "ArrowRight",
+        "ArrowLeft",
+        "Shift+ArrowRight",
+        "Shift+ArrowLeft",
+        "End",
+        "ArrowRight",
+        "Home",
+        "ArrowLeft",
+    ]
+    for pressed, there in zip(steps, (1, 2, 1, 11, 1, 39, 39, 0, 0), strict=True):
         key(pressed)
         assert frame() == there, pressed
     key(" ")
@@ -186,8 +196,10 @@ def test_what_a_finger_has_to_hit_is_large_enough(size, tmp_path, served, browse
     small = set()
     for step in ("scale", "find", "check", "plot", "run"):
         p.tap(f"#tab-{step}")
-        small |= set(p.get("""[...document.querySelectorAll("button, select, input:not([type=checkbox], [type=file])")]
+        small |= set(
+            p.get("""[...document.querySelectorAll("button, select, input:not([type=checkbox], [type=file])")]
           .filter((e) => e.checkVisibility() && e.getBoundingClientRect().height < 44)
-          .map((e) => `${e.tagName} ${e.id || e.textContent} ${e.getBoundingClientRect().height}`)"""))
+          .map((e) => `${e.tagName} ${e.id || e.textContent} ${e.getBoundingClientRect().height}`)""")
+        )
     assert small == set()
     p.page.context.close()
