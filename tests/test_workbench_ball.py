@@ -457,7 +457,8 @@ def begins(r):
 study = jv.Study(thrown, [jv.Parameter("g", 9.0, (5, 15), unit="m/s^2"),
                           jv.Parameter("up", begins, (-9, 9), each=True, sigma=0.1, unit="m/s")],
                  channels=[jv.Channel("height", "m")])
-two = jv.Study(thrown, [jv.Parameter("g", 9.0, (5, 15))], channels=[jv.Channel("a", "m"), jv.Channel("b", "m")])
+two = jv.Study(lambda p, r: np.zeros((r.t.size, 2)), [jv.Parameter("g", 9.0, (5, 15))],
+               channels=[jv.Channel("a", "m"), jv.Channel("b", "m")])
 broken = jv.Study(dies, [jv.Parameter("g", 9.0, (5, 15))], channels=[jv.Channel("height", "m")])
 """
 

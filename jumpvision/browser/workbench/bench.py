@@ -334,7 +334,7 @@ class Benches:
         path = folder_of(path)
         if study:
             outside(study, path if path.is_dir() else path.parent)
-        self.study = study
+        self.study, self._own = study, None  # type: str, tuple[Motion, Fitted] | None
         if not path.exists():
             raise InputError([f"{path}: does not exist; give a film, an experiment's folder or a folder of those"])
         self.only = "" if path.is_dir() else path.name
@@ -437,8 +437,10 @@ class Benches:
         if not self.study:
             raise InputError(["study: none; jumpvision open PATH --simulator MODULE:NAME"])
         motion = self.bench.motion(draft)
-        up = height(self.study, self.bench.composed(draft), motion.time, motion.height)
-        return motion.beside(up, f"height by {self.study}")
+        if self._own is None or self._own[0] is not motion:  # of this track with these values: made once
+            up = height(self.study, self.bench.composed(draft), motion.time, motion.height)
+            self._own = motion, motion.beside(up, f"height by {self.study}")
+        return self._own[1]
 
     def glance(self) -> list[Glanced]:
         """All experiments in a row each."""

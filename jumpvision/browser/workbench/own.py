@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
-from jumpvision.engine.study.processes import Ask, How, described
-from jumpvision.engine.study.runs import Runs
+from jumpvision.engine.study.processes import first_run
 from jumpvision.experiment.campaign.recordings import recording_of
 from jumpvision.experiment.inputs.experiment import Experiment
 from jumpvision.experiment.inputs.sections import SECTIONS, Header
@@ -20,15 +19,10 @@ def height(source: str, made: Composed, t: Array, y: Array) -> Array:
 
     y (n,) [m]: the height that was followed, NaN where lost. It is given what `jumpvision diagnose --simulator` gives.
     """
-    recording = recording_of(_experiment(made), t, y, None)
-    study = described(source, [recording])
-    if len(study.channels) > 1:
-        raise InputError([f"--simulator {source}: has {len(study.channels)} channels; a followed ball is the height"])
-    runs = Runs(study, [recording], How(limit=LIMIT, source=source))
-    try:
-        return runs.many([Ask(0, 0, study.begun(recording))])[0][:, 0]
-    finally:
-        runs.close()
+    out = first_run(source, recording_of(_experiment(made), t, y, None), LIMIT)
+    if out.shape[1] > 1:
+        raise InputError([f"--simulator {source}: has {out.shape[1]} channels; a followed ball is the height alone"])
+    return out[:, 0]
 
 
 def _experiment(made: Composed) -> Experiment:

@@ -22,6 +22,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from jumpvision.base.arrays import Array
 from jumpvision.base.progress import end_with_parent
 from jumpvision.base.schema import InputError
 
@@ -305,15 +306,36 @@ def described(source: str, recordings: Sequence[Recording]) -> Study:
     """The study MODULE:NAME as another process tells of it: nothing of the user's is imported here."""
     process = _Process(multiprocessing.get_context("spawn"), (source, list(recordings)))
     try:
+        return _told(process, source)
+    finally:
+        process.end()
+
+
+def _told(process: _Process, source: str) -> Study:
+    try:
         process.connection.send("describe")
         found = process.connection.recv()
     except EOFError:
         found = Failure("died when it was asked for its parameters")
+    if isinstance(found, Failure):
+        raise InputError([f"--simulator {source}: {found.why}"])
+    return found
+
+
+def first_run(source: str, recording: Recording, limit: float) -> Array:
+    """(n, channels) that the study MODULE:NAME gives for a recording with its first values, in another process; limit:
+    seconds that it may take. Raises InputError."""
+    process = _Process(multiprocessing.get_context("spawn"), (source, [recording]))
+    try:
+        study = _told(process, source)
+        process.begin(0, Ask(0, 0, study.begun(recording)))
+        late = not process.connection.poll(limit)
+        found = Failure(f"took longer than {limit:g} s (limit)") if late else process.result()
     finally:
         process.end()
     if isinstance(found, Failure):
         raise InputError([f"--simulator {source}: {found.why}"])
-    return found
+    return recording.of_channels(found, study.channels, "simulated values")
 
 
 def _portable(value: Any) -> object:
