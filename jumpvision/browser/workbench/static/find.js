@@ -96,14 +96,15 @@ const find = latest(() => attempt(async () => {
   (section === "bed_image" ? ofBed : ofCrater)(found, found.row.length);
   emit("bed");
 }));
+const columns = (what, n, lost, why) => `${what} in ${n - lost} of ${n} columns${why ? `; in the others: ${why}` : ""}.`;
 function ofBed({ levels, threshold, height, phi, lacks, lost, why }, n) {
   Object.assign(level.input, { min: Math.floor(levels[0]), max: Math.ceil(levels[1]) });
   if (value("params.bed", "threshold") == null) level.input.dataset.usual = level.input.value = level.made.querySelector("output").textContent = Math.round(threshold);
   packing.textContent = [height && `Height ${short(height, 1e3, " mm")}.`, phi && `Volume fraction phi = ${short(phi, 1, "")}.`, lacks].filter(Boolean).join(" ");
-  surface.textContent = `Surface in ${n - lost} of ${n} columns. ${why}`;
+  surface.textContent = columns("Surface", n, lost, why);
 }
 function ofCrater({ volume: v, depth, radius, lacks, lost, why }, n) {
-  line.textContent = `Line in ${n - lost} of ${n} columns. ${why}`;
+  line.textContent = columns("Line", n, lost, why);
   volume.textContent = v ? `Volume change ${short(v, 1e6, " cm³")}, ${(1e3 * depth).toFixed(1)} mm deep, undisturbed beyond ${(1e3 * radius).toFixed(1)} mm.` : lacks;
 }
 on("frame", () => { store.bed = null; });
