@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
-from jumpvision.engine.study.processes import first_run
+from jumpvision.engine.study.first import first_run
 from jumpvision.experiment.campaign.recordings import recording_of
 from jumpvision.experiment.inputs.experiment import Experiment
 from jumpvision.experiment.inputs.sections import SECTIONS, Header

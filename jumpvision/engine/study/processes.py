@@ -22,7 +22,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from jumpvision.base.arrays import Array
 from jumpvision.base.progress import end_with_parent
 from jumpvision.base.schema import InputError
 
@@ -148,9 +147,9 @@ class Others:
     def __init__(self, study: Study, recordings: Sequence[Recording], how: How, workers: int) -> None:
         self.given = (how.source or study, list(recordings))
         self.limit, self.context = how.limit, _context(study, how.source)
-        self.processes: list[_Process] = []
+        self.processes: list[Process] = []
         try:
-            self.processes = [_Process(self.context, self.given) for _ in range(workers)]
+            self.processes = [Process(self.context, self.given) for _ in range(workers)]
         except BaseException:
             self.close()
             raise
@@ -161,7 +160,7 @@ class Others:
             while waiting or any(p.busy for p in self.processes):
                 for i, p in enumerate(self.processes):
                     if p.dead:
-                        self.processes[i] = p = _Process(self.context, self.given)
+                        self.processes[i] = p = Process(self.context, self.given)
                     if not p.busy and waiting:
                         p.begin(*waiting.popleft())
                 yield from self._results()
@@ -190,7 +189,7 @@ class Others:
             p.end()
 
 
-class _Process:
+class Process:
     """One other process and what it is busy with."""
 
     def __init__(self, context: Any, given: tuple[Study | str, list[Recording]]) -> None:
@@ -206,6 +205,16 @@ class _Process:
         if said is not None:
             self.end()
             raise InputError([said if said.startswith("--simulator") else f"the simulator {said}"])
+
+    def described(self, source: str) -> Study:
+        try:
+            self.connection.send("describe")
+            found = self.connection.recv()
+        except EOFError:
+            found = Failure("died when it was asked for its parameters")
+        if isinstance(found, Failure):
+            raise InputError([f"--simulator {source}: {found.why}"])
+        return found
 
     def begin(self, at: int, ask: Ask) -> None:
         self.connection.send(ask)
@@ -304,38 +313,11 @@ def _description(study: Study, recordings: Sequence[Recording]) -> Study | Failu
 
 def described(source: str, recordings: Sequence[Recording]) -> Study:
     """The study MODULE:NAME as another process tells of it: nothing of the user's is imported here."""
-    process = _Process(multiprocessing.get_context("spawn"), (source, list(recordings)))
+    process = Process(multiprocessing.get_context("spawn"), (source, list(recordings)))
     try:
-        return _told(process, source)
+        return process.described(source)
     finally:
         process.end()
-
-
-def _told(process: _Process, source: str) -> Study:
-    try:
-        process.connection.send("describe")
-        found = process.connection.recv()
-    except EOFError:
-        found = Failure("died when it was asked for its parameters")
-    if isinstance(found, Failure):
-        raise InputError([f"--simulator {source}: {found.why}"])
-    return found
-
-
-def first_run(source: str, recording: Recording, limit: float) -> Array:
-    """(n, channels) that the study MODULE:NAME gives for a recording with its first values, in another process; limit:
-    seconds that it may take. Raises InputError."""
-    process = _Process(multiprocessing.get_context("spawn"), (source, [recording]))
-    try:
-        study = _told(process, source)
-        process.begin(0, Ask(0, 0, study.begun(recording)))
-        late = not process.connection.poll(limit)
-        found = Failure(f"took longer than {limit:g} s (limit)") if late else process.result()
-    finally:
-        process.end()
-    if isinstance(found, Failure):
-        raise InputError([f"--simulator {source}: {found.why}"])
-    return recording.of_channels(found, study.channels, "simulated values")
 
 
 def _portable(value: Any) -> object:
@@ -376,12 +358,8 @@ def outside(source: str, folder: Path) -> None:
     file = Path(module) if module.endswith(".py") else Path(*module.split(".")).with_suffix(".py")
     inside = Path.cwd() == folder.resolve() or folder.resolve() in file.resolve().parents
     if inside and (file.exists() or file.with_suffix("").is_dir()):
-        raise InputError(
-            [
-                f"--simulator {source}: {file} lies in the folder of recordings {folder}, from which nothing is "
-                "imported; move it out"
-            ]
-        )
+        said = f"{file} lies in the folder of recordings {folder}, from which nothing is imported; move it out"
+        raise InputError([f"--simulator {source}: {said}"])
 
 
 def source_of(function: Callable[..., object]) -> str:

@@ -431,18 +431,14 @@ class Study:
                 out[p.name] = m.null if absent else p.free().start
         return out
 
-    def begun(self, recording: Recording) -> dict[str, float]:
-        """`first`, with what this recording has for itself."""
-        own = {p.name: p.start(recording) if callable(p.start) else p.start for p in self.parameters if p.each}
-        return {**self.first, **own}
-
     def predict(self, model: Prediction | Mapping[str, Any], recording: Recording) -> Array:
         """(n, channels) the simulator's outputs with `found.prediction`, or with some parameters (numbers, or as in
         `found.fitted`); what is not given is as in `first`."""
         parameters, mechanisms = (model, ()) if isinstance(model, Mapping) else (model.parameters, model.mechanisms)
         other = [m.function for m in self.mechanisms if m.function is not None and m.name in mechanisms]
         simulate = other[0] if other else self.simulate
-        given: dict[str, Any] = self.begun(recording) | {n: getattr(x, "value", x) for n, x in parameters.items()}
+        own = {p.name: p.start(recording) if callable(p.start) else p.start for p in self.parameters if p.each}
+        given: dict[str, Any] = {**self.first, **own, **{n: getattr(x, "value", x) for n, x in parameters.items()}}
         if self.batch:
             return recording.of_channels(next(iter(simulate([given], [recording]))), self.channels)
         return recording.of_channels(simulate(*self.arguments(given, recording)), self.channels)
