@@ -5,6 +5,7 @@ import pytest
 
 import jumpvision as jv
 from benchmarks.shear import CASES, Case, frames, judged, parabola, seen
+from tests.test_piv import camera, grains
 
 
 def pair(case, seed, noise=0.0):
@@ -70,3 +71,29 @@ def test_dark_particles_on_a_bright_ground_are_found_by_their_maximum():
         assert abs(float(f.u.mean()) - d) < 0.01
         # 400 vectors of one film, alike over a window: some 150 errors
         assert 0.55 < float((abs(f.u_matched - d) < f.u_matched_sigma).mean()) < 0.8
+
+
+def test_dense_grains_of_few_frames_are_no_background():
+    """Eight frames of grains that move by 1.4 px: their mean and their minimum held the grains themselves, and vectors
+    were off by 0.06 and 0.09 px, where without a background they are off by 0.01."""
+    d, shape, n = np.array([1.37, -0.4]), (112, 144), 8
+    bed = [
+        grains(
+            shape,
+            lambda x, y, t=k - (n - 1) / 2: (2 * t * d[0] + 0 * x, 2 * t * d[1] + 0 * x),
+            np.random.default_rng(43),
+            radius=(3.0, 4.0),
+            sub=3,
+        )[1]
+        for k in range(n)
+    ]
+    rng = np.random.default_rng(28)
+    film = np.array([camera(f, 2, rng) for f in bed])
+    rms = {}
+    for how in ("none", "mean", "minimum"):
+        f = jv.piv(film, window=24, step=8, background=how)
+        e = np.stack([f.u_matched - d[0], -f.v_matched - d[1]])
+        rms[how] = float(np.sqrt((e**2).mean()))
+        # seven fields that share frames: some 60 errors, of which 68 % lie within sigma to 6 %, twice that allowed
+        assert 0.55 < float((abs(e) < [f.u_matched_sigma, f.v_matched_sigma]).mean()) < 0.8
+    assert max(rms.values()) < 2.5 * rms["none"]
