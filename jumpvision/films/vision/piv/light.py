@@ -35,7 +35,7 @@ def light_of(frames: Frames, stride: int, p: PivParams) -> Light:
 
 SPARSE = 1.5  # times further from one extreme than from the other the mean lies, where particles leave the ground free
 FEW = 32  # frames; of fewer each leaves so much of its particles in the mean that vectors suffer
-AGREED = 49  # px, some seven grains, side of the neighbourhood in which the first and the last third of the frames are compared
+AGREED = 49  # px, some seven grains: side of the neighbourhoods in which parts of the film are compared
 
 
 def common(frames: Frames, how: str, first: int, stride: int) -> NDArray[np.float32]:
