@@ -88,15 +88,15 @@ def _filtered(
 
 CELL = 4  # px, side of the blocks in which a body is looked for
 EMPTY = 0.01  # of the usual contrast (a tenth of the usual grey): less is no texture
-AT_LEAST = 6.0  # grains or particles in a square: by chance one in 400 holds none
-BY_CHANCE = 4.0  # such squares: empty regions that are larger are no chance
+AT_LEAST = 6.0  # grains or particles in a disc: by chance one in 400 holds none
+BY_CHANCE = 4.0  # such discs: empty regions that are larger are no chance
 
 
 def body(grey: Float32, usable: NDArray[np.bool_], noise: float) -> NDArray[np.bool_]:
     """Pixels (H, W) of a body that shows no texture where most of the picture does, and its rim.
 
     A bar or a foot before the grains: what moves there is not what is asked for. It is 3 CELLs wide at least, or as
-    wide as a square that holds AT_LEAST particles elsewhere, and larger than chance leaves empty; one that is darker
+    wide as a disc that holds AT_LEAST particles elsewhere, and larger than chance leaves empty; one that is darker
     than the grains may show some texture. noise: [grey^2] variance of the picture's white noise.
     """
     out = np.zeros(grey.shape, bool)
@@ -111,8 +111,11 @@ def body(grey: Float32, usable: NDArray[np.bool_], noise: float) -> NDArray[np.b
         return out
     whole = np.zeros((rows, columns), np.uint8)
     for side in (3, 5, 7, 9, 13):
-        light = cv2.blur(mean, (side, side), borderType=cv2.BORDER_REFLECT)
-        contrast = cv2.blur(square, (side, side), borderType=cv2.BORDER_REFLECT) - light * light - noise
+        disc = _disc(side)
+        light, contrast = (
+            cv2.filter2D(f, -1, disc / disc.sum(), borderType=cv2.BORDER_REFLECT) for f in (mean, square)
+        )
+        contrast = contrast - light * light - noise
         of_light = np.maximum(contrast, 0) / np.maximum(light * light, 1e-6)
         usual = [float(np.median(q[there][::4])) for q in (light, contrast, of_light)]
         if side == 3:
@@ -127,19 +130,19 @@ def body(grey: Float32, usable: NDArray[np.bool_], noise: float) -> NDArray[np.b
                 whole |= cv2.dilate(
                     cv2.morphologyEx((dark & there).astype(np.uint8), cv2.MORPH_OPEN, _square(3)), _square(5)
                 )
-        lower, upper = np.quantile(contrast[there][::4], (0.25, 0.75))
-        by_chance = max(upper - usual[1], usual[1] - lower)  # 0.674 standard deviations, which are mean / sqrt(number)
+        # 0.674 standard deviations, which are mean / sqrt(number); upwards, as bodies lower the other quartile
+        by_chance = float(np.quantile(contrast[there][::4], 0.75)) - usual[1]
         if usual[1] > 0 and (0.674 * usual[1]) ** 2 > AT_LEAST * by_chance**2:
             empty = (contrast < EMPTY * usual[1]) & (of_light < EMPTY * usual[2]) & there
             if not empty.any():
                 break
             from skimage.measure import label  # here: its import takes a quarter of a second
 
-            regions = label(cv2.dilate(empty.astype(np.uint8), _square(side)))
+            regions = label(cv2.dilate(empty.astype(np.uint8), disc))
             large = np.flatnonzero(np.bincount(regions.ravel())[1:] > BY_CHANCE * side**2) + 1
             empty &= np.isin(regions, large)
             if empty.sum() <= 0.6 * there.sum():
-                whole |= cv2.dilate(empty.astype(np.uint8), _square(side + 2))
+                whole |= cv2.dilate(empty.astype(np.uint8), _disc(side + 2))
             break
     out[: rows * CELL, : columns * CELL] = np.repeat(np.repeat(whole > 0, CELL, 0), CELL, 1)
     return out
@@ -147,6 +150,12 @@ def body(grey: Float32, usable: NDArray[np.bool_], noise: float) -> NDArray[np.b
 
 def _square(side: int) -> NDArray[np.uint8]:
     return np.ones((side, side), np.uint8)
+
+
+def _disc(side: int) -> NDArray[np.uint8]:
+    """About as many cells as a square of that side has; an inclined bar holds it as well as an upright one."""
+    n = np.arange(side) - side // 2
+    return ((n**2 + n[:, None] ** 2) * np.pi <= side**2).astype(np.uint8)
 
 
 @functools.cache

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,10 +35,11 @@ def light_of(frames: Frames, stride: int, p: PivParams) -> Light:
 
 SPARSE = 1.5  # times further from one extreme than from the other the mean lies, where particles leave the ground free
 FEW = 32  # frames; of fewer each leaves so much of its particles in the mean that vectors suffer
+AGREED = 49  # px, some seven grains: side of the neighbourhoods in which parts of the film are compared
 
 
 def common(frames: Frames, how: str, first: int, stride: int) -> NDArray[np.float32]:
-    """Minimum or mean (H, W) of 64 frames or fewer, evenly from `first` on, `stride` apart.
+    """Ground (H, W) by minimum or mean of 64 frames or fewer, evenly from `first` on, `stride` apart; see `ground`.
 
     Of sparse particles the mean of FEW frames is their median. Of dark ones on a bright ground the minimum is the
     maximum, which is told.
@@ -46,28 +48,62 @@ def common(frames: Frames, how: str, first: int, stride: int) -> NDArray[np.floa
     if every.size < 3:
         raise ValueError(f'[params.piv] background = "{how}": needs 3 frames or pairs, found {every.size}; take "none"')
     shown = every[np.unique(np.linspace(0, every.size - 1, min(every.size, 64)).round().astype(int))]
-    total = frames[int(shown[0])].astype(np.float32)
+    third = shown.size // 3
+    parts = [_held(frames, q) for q in (shown[:third], shown[third:-third], shown[-third:])]
+    low, mean, high = (
+        np.min([q.low for q in parts], axis=0),
+        np.asarray(sum(q.total for q in parts) / np.float32(shown.size), np.float32),
+        np.max([q.high for q in parts], axis=0),
+    )
+    below, above = float(np.nanmean(mean - low)), float(np.nanmean(high - mean))
+    if how == "minimum" and below > SPARSE * above:
+        said = 'background = "minimum": the particles are darker than the ground, so what is subtracted is the maximum'
+        warnings.warn(StageWarning("light", said), stacklevel=2)
+        return ground(high, parts[0].high, parts[2].high)
+    if how == "minimum":
+        return ground(low, parts[0].low, parts[2].low)
+    if shown.size < FEW and max(below, above) > SPARSE * min(below, above):
+        held = np.array([frames[int(i)] for i in shown], np.float32)
+        return ground(*(np.median(q, axis=0) for q in (held, held[:third], held[-third:])))
+    return ground(mean, *(parts[k].total / np.float32(third) for k in (0, 2)))
+
+
+class _Held(NamedTuple):
+    """Of some frames (H, W)."""
+
+    low: NDArray[np.float32]
+    total: NDArray[np.float32]
+    high: NDArray[np.float32]
+
+
+def _held(frames: Frames, chosen: NDArray[np.int64]) -> _Held:
+    total = frames[int(chosen[0])].astype(np.float32)
     low, high = total.copy(), total.copy()
-    for i in shown[1:]:
+    for i in chosen[1:]:
         frame = frames[int(i)]
         low, high, total = np.minimum(low, frame), np.maximum(high, frame), total + frame
-    mean = np.asarray(total / np.float32(shown.size), np.float32)
-    below, above = float(np.nanmean(mean - low)), float(np.nanmean(high - mean))
-    if how == "mean":
-        if shown.size < FEW and max(below, above) > SPARSE * min(below, above):
-            return np.asarray(np.median([frames[int(i)] for i in shown], axis=0), np.float32)
-        return mean
-    if below <= SPARSE * above:
-        return np.asarray(low, np.float32)
-    said = 'background = "minimum": the particles are darker than the ground, so what is subtracted is the maximum'
-    warnings.warn(StageWarning("light", said), stacklevel=2)
-    return np.asarray(high, np.float32)
+    return _Held(low, total, high)
+
+
+def ground(whole: NDArray[np.float32], first: NDArray[np.float32], last: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Of the background (H, W) of all frames what is smooth over AGREED px, and of the rest the share in which the
+    backgrounds of their first and last third agree: the other share are grains, which would stand still in all frames.
+    """
+
+    def around(f: NDArray[np.floating]) -> NDArray[np.float32]:
+        return np.asarray(cv2.blur(np.where(known, f, 0).astype(np.float32), (AGREED, AGREED)) / there, np.float32)
+
+    known = np.isfinite(whole + first + last)
+    there = np.maximum(cv2.blur(known.astype(np.float32), (AGREED, AGREED)), np.float32(1e-6))
+    smooth = around(whole)
+    alike = around((first - around(first)) * (last - around(last)))
+    power = around((whole - smooth) ** 2)
+    share = np.clip(alike / np.maximum(power, np.float32(1e-6)), 0, 1)
+    return np.asarray(smooth + share * (whole - smooth), np.float32)
 
 
 def equalised(image: Image, tile: int) -> NDArray[np.float32]:
     """A frame (H, W) by contrast-limited adaptive histogram equalisation in tiles of that side [px]; 0 to 255."""
-    import cv2
-
     grey = image.astype(np.float32)
     low, high = float(np.nanmin(grey)), float(np.nanmax(grey))
     whole = np.nan_to_num((grey - low) * (65535.0 / max(high - low, 1e-6))).astype(np.uint16)
