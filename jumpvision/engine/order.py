@@ -37,11 +37,7 @@ FIFTH = 0.2  # of the misfit: the values of a number that is at fault leave less
 FEWEST = 4  # recordings among which one can be odd
 ALONE = 2  # single mechanisms beside which what varies is asked for anew
 SURE = 0.003  # chance below which a pattern over recordings counts where the other looks see nothing
-SEED, LAW_SEED, VARY_SEED = (
-    1,
-    2,
-    3,
-)  # of the look at generic forces, of the folds by which a law's gain is judged, and of what varies
+SEED, LAW_SEED, VARY_SEED = 1, 2, 3  # of the look at generic forces, of the folds that judge a law, of what varies
 
 Say = Callable[[str], None]
 
@@ -171,13 +167,19 @@ class Order:
         return order.beyond(found)
 
     def _as_repeats_tell(self, d: Findings) -> Findings | None:
-        """What was looked at, adequate with a number that scatters as much as repeats say; None where there is none."""
+        """What was looked at, adequate with a number that scatters as repeats say, or explained by what these take for
+        noise; None where there is neither."""
         if not (self._may_vary and any(self.problem.scattered.values())):
             return None
         from .vary import explain
 
         s = explain.in_full(self.problem, d.baseline, np.random.default_rng(VARY_SEED))
-        return None if s is None else self._scattering(d, s)
+        if not isinstance(s, Problem):
+            return None if s is None else self._scattering(d, s)
+        order = replace(self, problem=s)
+        found = order.explain(order.look())
+        named = (found.naming and found.naming.status == Status.COMPLETE) or (found.varies and found.varies.aside)
+        return replace(found, problem=found.problem or s) if named else None
 
     def _by_forces(self, d: Findings) -> Findings | None:
         """Mechanisms that explain all, where one value a recording of no number comes near that; None where that is not

@@ -26,7 +26,7 @@ from jumpvision.engine.system import patterns_of
 from .apart import Apart, apart, beside, variables
 from .candidates import coefficient
 from .odd import Odd, command_of, odd_ones
-from .patterns import Pattern, Scatter, Weighed, scatter
+from .patterns import Pattern, Scatter, Weighed, patterns, scatter, weigh
 from .screen import Screen, screen
 from .variables import Varying
 
@@ -150,9 +150,10 @@ def without_causes(s: Scattered, base: Fit, rng: np.random.Generator) -> Scatter
     return replace(s, baseline=fit, detection=found) if found.discrepant else None
 
 
-def in_full(problem: Problem, base: Fit, rng: np.random.Generator) -> Scattered | None:
+def in_full(problem: Problem, base: Fit, rng: np.random.Generator) -> Scattered | Problem | None:
     """What differs from trial to trial, as the repeats tell, with every recording's own value of it: about one value
-    for all it is linear only in what is small beside the noise. None where no such model is adequate."""
+    for all it is linear only in what is small beside the noise. None where no such model is adequate. Where a pattern
+    explains those values better, as of one odd recording, the problem without scatter: it is no noise."""
     every, scattered_as = variables(problem.system), getattr(problem.system, "scattered_as", {})
     for name in (n for n, s in problem.scattered.items() if s > 0.0):
         rest = {n: s for n, s in problem.scattered.items() if n != name}
@@ -162,6 +163,11 @@ def in_full(problem: Problem, base: Fit, rng: np.random.Generator) -> Scattered 
         found = None if fit is None or number is None else apart(bare, fit, number)
         if fit is None or found is None or (s := scatter(found)) is None:
             continue
+        ordered = max(
+            (weigh(p, found).log_evidence for p in patterns(found, problem.system.observations)), default=-math.inf
+        )
+        if ordered > s.log_evidence + WORTH:
+            return Problem(problem.system, problem.noise, {}, problem.measured)
         seen = Screen((found,), (), (s,), 0.0, fit.chi2)
         if (best := scattered(bare, seen, fit, 0.0, rng)) is not None and not best.detection.discrepant:
             return best
