@@ -1,7 +1,7 @@
 """A program that ends with the process that started it, however that one ends.
 
-`python -m jumpvision.base.leash PROGRAM ARGUMENTS` as a child with a pipe as its input: a pipe closes by itself also when
-its owner is killed. The program and all that it started is then interrupted, as by Ctrl-C.
+`python -m jumpvision.base.leash PROGRAM ARGUMENTS` as a child with a pipe as its input: a pipe closes by itself also
+when its owner is killed. The program and all that it started is then interrupted, as by Ctrl-C.
 """
 
 from __future__ import annotations

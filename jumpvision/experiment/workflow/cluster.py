@@ -29,8 +29,8 @@ def hand_over(
     """Run every experiment under Snakemake; the reasons, by name, of those that failed.
 
     profile: a name in pipelines/profiles or a folder with config.yaml. options: further options of each run. jobs: at a
-    time; None: as the profile says. frames: of the grain films, by experiment; a long one is matched by several jobs. Snakemake
-    ends with this process, however that ends; a handing over that was killed is taken up where it stood.
+    time; None: as the profile says. frames: of the grain films, by experiment; a long one is matched by several jobs.
+    Snakemake ends with this process, however that ends; a handing over that was killed is taken up where it stood.
     """
     program, folder = _snakemake(), _profile(profile)
     work = plan.results.absolute() / ".workflow"
