@@ -97,7 +97,7 @@ def name(
         search.race(exchanges(search, key))
         passing = likelier(search)
         key = passing[0] if passing else key
-    likeliest = max(search.fits, key=search.log_probability)
+    likeliest = likeliest_of(search)
     stated = key or likeliest
     if (better := problem.polished(search.fits[stated])) is not search.fits[stated] and not search.keep(better):
         search.fits[stated] = better  # by so little that its test stands
@@ -143,6 +143,12 @@ def likelier(search: Search) -> list[Key]:
     return [k for k in good if all(chance(k) > chance(part) for part in search.fits if part < k)]
 
 
+def likeliest_of(search: Search) -> Key:
+    """The likeliest set of mechanisms that are all more than a simpler cause."""
+    ordered = sorted(search.fits, key=search.log_probability, reverse=True)
+    return next(k for k in ordered if has_own(search.problem, search.fits[k]))
+
+
 def has_own(problem: Problem, fit: Fit) -> bool:
     """Whether what makes each mechanism of a fit more than a simpler cause is off by CLEAR standard uncertainties."""
     names = [p.name for p in fit.parameters]
@@ -168,7 +174,7 @@ def established(search: Search) -> Key:
     A mechanism's own part is what every set of no more mechanisms leaves without it. What is left may hide as much
     of any mechanism's effect as it shows; substitutes for an effect of no vocabulary leave 3 % of it and more.
     """
-    key = max(search.fits, key=search.log_probability)
+    key = likeliest_of(search)
     while key:
         if key not in search.fits:
             return frozenset()

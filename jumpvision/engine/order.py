@@ -7,6 +7,7 @@ forces, experiments not yet made) they hand over.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -32,6 +33,7 @@ if TYPE_CHECKING:  # imported where they are asked for: most questions end befor
 STARTS = 6  # of the baseline's fit where runs cost; else four times as many, over the ranges of its parameters
 NEIGHBOURS = ("kind", "volume_fraction", "delay", "frequency")  # labels that order conditions
 HALVED = 4.0  # of chi^2, where the error is halved
+FIFTH = 0.2  # of the misfit: the values of a number that is at fault leave less, linearly
 FEWEST = 4  # recordings among which one can be odd
 ALONE = 2  # single mechanisms beside which what varies is asked for anew
 SURE = 0.003  # chance below which a pattern over recordings counts where the other looks see nothing
@@ -140,15 +142,12 @@ class Order:
         if d.adequate:
             d = self._varying(d)
         if d.adequate:
-            return d
+            return self._as_repeats_tell(d) or d
         self.reached(d)
         tried = len(self.problem.system.candidates)
         self.say(f"discrepant (p = {d.detection.p_value:.2g}): looking for numbers that vary")
-        if self._may_vary and any(self.problem.scattered.values()):
-            from .vary import explain
-
-            if (s := explain.in_full(self.problem, d.baseline, np.random.default_rng(VARY_SEED))) is not None:
-                return self._scattering(d, s)
+        if (found := self._as_repeats_tell(d) or self._by_forces(d)) is not None:
+            return found
         wide = self._wider(d.baseline)
         if wide is not None and wide.odd is not None and wide.odd.explained:
             return self._without(d, wide.odd)
@@ -170,6 +169,30 @@ class Order:
                 return found
         self.reached(found)
         return order.beyond(found)
+
+    def _as_repeats_tell(self, d: Findings) -> Findings | None:
+        """What was looked at, adequate with a number that scatters as much as repeats say; None where there is none."""
+        if not (self._may_vary and any(self.problem.scattered.values())):
+            return None
+        from .vary import explain
+
+        s = explain.in_full(self.problem, d.baseline, np.random.default_rng(VARY_SEED))
+        return None if s is None else self._scattering(d, s)
+
+    def _by_forces(self, d: Findings) -> Findings | None:
+        """Mechanisms that explain all, where one value a recording of no number comes near that; None where that is not
+        so, and what varies is to be asked as well."""
+        if not self._may_vary or isinstance(self.problem.system, Costly):
+            return None
+        from .vary.screen import screen
+
+        excess, quick = d.baseline.chi2 - self.problem.n, screen(self.problem, d.baseline, quick=True)
+        if min((a.chi2 for a in quick.apart), default=math.inf) < self.problem.n + FIFTH * excess:
+            return None
+        self.say(f"trying {len(self.problem.system.candidates)} mechanisms")
+        found = self.name(d)
+        assert found.naming is not None
+        return found if found.naming.status == Status.COMPLETE and self._steady(found) else None
 
     def _varying(self, d: Findings) -> Findings:
         """A third look: a number that varies from recording to recording by so little that chi^2 does not show it."""

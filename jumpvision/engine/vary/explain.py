@@ -153,12 +153,13 @@ def without_causes(s: Scattered, base: Fit, rng: np.random.Generator) -> Scatter
 def in_full(problem: Problem, base: Fit, rng: np.random.Generator) -> Scattered | None:
     """What differs from trial to trial, as the repeats tell, with every recording's own value of it: about one value
     for all it is linear only in what is small beside the noise. None where no such model is adequate."""
-    every = variables(problem.system)
-    for name in (n for n, s in problem.scattered.items() if s > 0.0 and n in every):
+    every, scattered_as = variables(problem.system), getattr(problem.system, "scattered_as", {})
+    for name in (n for n, s in problem.scattered.items() if s > 0.0):
         rest = {n: s for n, s in problem.scattered.items() if n != name}
         bare = Problem(problem.system, problem.noise, rest, problem.measured)
         fit = bare.fit(base.mechanisms, base.named)
-        found = None if fit is None else apart(bare, fit, every[name])
+        number = every.get(scattered_as.get(name, name))
+        found = None if fit is None or number is None else apart(bare, fit, number)
         if fit is None or found is None or (s := scatter(found)) is None:
             continue
         seen = Screen((found,), (), (s,), 0.0, fit.chi2)

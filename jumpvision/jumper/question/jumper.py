@@ -21,7 +21,7 @@ from jumpvision.engine.vary.apart import variables
 from jumpvision.engine.vary.candidates import candidate as pattern_candidate
 from jumpvision.engine.vary.candidates import changes_of, coefficients_of
 from jumpvision.engine.vary.patterns import Pattern, Weighed
-from jumpvision.engine.vary.variables import CLOCK, SCALE, Changes, Variable, added, fault_of, true_times
+from jumpvision.engine.vary.variables import CLOCK, OFFSET, SCALE, Changes, Variable, added, fault_of, true_times
 from jumpvision.jumper.mechanisms.own import parameters_with
 from jumpvision.jumper.mechanisms.record import Body, Mechanism, Reach
 from jumpvision.jumper.mechanisms.registry import MECHANISMS, PARAMETERS, acting
@@ -35,6 +35,7 @@ from .jumps import Jump, coarseness, common, common_error, groups, observation
 RTOL, ATOL = 1e-7, 1e-9  # motions are right to some 5e-8 m, derivatives to 0.3 %; ten times finer takes twice as long
 OF_COMMAND = tuple(m.name for m in MECHANISMS.values() if m.of_command)
 SCATTER = ("start", "bed")  # what may differ from trial to trial
+SCATTERED_AS = {"start": OFFSET}  # in a film another start of the motor is another offset of the clock
 BEDS = 6  # values of one parameter that are fitted apart
 BY_AREA = tuple(p.name for p in PARAMETERS.values() if p.by_area)
 STIFFNESS = tuple(p.name for p in PARAMETERS.values() if p.stiffness)
@@ -73,6 +74,7 @@ class Jumper:
         self.bases = {g: knowing(next(j.model for j in self.jumps if j.model.ground == g), own) for g in grounds}
         _agree(self.bases)
         self.scattering: tuple[str, ...] = SCATTER
+        self.scattered_as = SCATTERED_AS
         self.patterns: Mapping[str, Pattern] = {}
         self.always: Changes = {}  # of every prediction: about these, jumps scatter
         self.workers = workers

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -297,21 +298,38 @@ def _flights(named: NDArray[np.void]) -> Array:
     return np.array(rows).reshape(-1, 2)
 
 
+class Laid(NamedTuple):
+    """A forcing as the integrator has it (see `pieces`), and where the motor stands before it [m]."""
+
+    forcing: Forcing | Loop
+    kind: int
+    rows: Array
+    edges: Array
+    before: float
+
+
+def laid(forcing: Forcing | Loop, stop: float) -> Laid:
+    """A forcing of a motor that stops at this time [s]."""
+    return Laid(forcing, *pieces(forcing, stop, math.inf), float(forcing(forcing.start - 1.0)[0][0]))
+
+
 class Tracks:
     """Jumps with these forcings, motors that stop at these times [s] and outputs at these times (n_i,) [s]."""
 
     def __init__(self, forcings: Sequence[Forcing | Loop], stops: Sequence[float], times: Sequence[Array]) -> None:
-        self.forcings = list(forcings)
-        self.played: dict[tuple[int, tuple[Hashable, ...]], Forcing | Loop] = {}  # by jump and drive
-        laid = [pieces(f, s, math.inf) for f, s in zip(forcings, stops)]
-        wide = max(rows.shape[1] for _, rows, _ in laid)  # a loop's rows have its gain behind
-        self.rows = np.concatenate([np.pad(rows, ((0, 0), (0, wide - rows.shape[1]))) for _, rows, _ in laid])
-        self.edges = np.concatenate([edges for _, _, edges in laid])
+        self._lay([laid(f, s) for f, s in zip(forcings, stops)], stops, times)
+
+    def _lay(self, each: Sequence[Laid], stops: Sequence[float], times: Sequence[Array]) -> None:
+        self.forcings = [x.forcing for x in each]
+        self.played: dict[tuple[int, tuple[Hashable, ...]], Laid] = {}  # by jump and drive
+        wide = max(x.rows.shape[1] for x in each)  # a loop's rows have its gain behind
+        self.rows = np.concatenate([np.pad(x.rows, ((0, 0), (0, wide - x.rows.shape[1]))) for x in each])
+        self.edges = np.concatenate([x.edges for x in each])
         self.t = np.concatenate(times).astype(float)
-        before = [float(f(f.start - 1.0)[0][0]) for f in forcings]  # where the motor stands before the forcing
-        self.about = np.zeros(len(laid), compiled.TRACK)
-        self.about["kind"], self.about["stop"], self.about["before"] = [k for k, _, _ in laid], stops, before
-        for name, sizes in (("row", [r.shape[0] for _, r, _ in laid]), ("time", [t.size for t in times])):
+        self.about = np.zeros(len(each), compiled.TRACK)
+        self.about["kind"], self.about["stop"] = [x.kind for x in each], stops
+        self.about["before"] = [x.before for x in each]
+        for name, sizes in (("row", [x.rows.shape[0] for x in each]), ("time", [t.size for t in times])):
             self.about[name + "_end"] = ends = np.cumsum(sizes)
             self.about[name] = ends - sizes
         self.places = [slice(a["time"], a["time_end"]) for a in self.about]
@@ -348,9 +366,13 @@ class Tracks:
         asked = [(i, drive_of(m)) for i, m in zip(which, models)]
         each = dict(zip(asked, models))
         known = self.played  # other threads may begin another one
-        motions = {a: known[a] if a in known else played(m, self.forcings[a[0]]) for a, m in each.items()}
         stops = [float(self.about["stop"][i]) for i, _ in each]
-        out = Tracks([motions[a] for a in each], stops, [self.t[self.places[i]] for i, _ in each])
+        motions = {
+            a: known[a] if a in known else laid(played(m, self.forcings[a[0]]), stop)
+            for (a, m), stop in zip(each.items(), stops)
+        }
+        out = object.__new__(Tracks)
+        out._lay(list(motions.values()), stops, [self.t[self.places[i]] for i, _ in each])
         out.about[["time", "time_end"]] = self.about[["time", "time_end"]][[i for i, _ in each]]
         number = {a: k for k, a in enumerate(each)}
         self.played = motions if len(known) > MOST_PLAYED else {**known, **motions}
