@@ -21,7 +21,7 @@ SAMPLES = ROOT / "data_samples"
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection(session):
     """In a fresh clone pytest writes the asserts of every test file anew, a quarter of a minute: of two workers each
-    writes half of them, as the second begins with the last file. What a file has to say is said when it is collected."""
+    writes half of them, as the second begins with the last file. Its errors are told when it is collected."""
     worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0")
     if int(worker[2:]) % 2 and [Path(a) for a in session.config.args] == [ROOT / "tests"]:
         for file in sorted((ROOT / "tests").glob("test_*.py"), reverse=True):
