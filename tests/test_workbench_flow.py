@@ -18,6 +18,8 @@ import cv2
 import numpy as np
 import pytest
 import xarray as xr
+from diagnosis_sample import causes as named_causes
+from diagnosis_sample import diagnosis, parameter
 
 import jumpvision as jv
 from jumpvision.base.record import plain
@@ -26,9 +28,9 @@ from jumpvision.browser.workbench.bench import Benches
 from jumpvision.browser.workbench.draft import draft_of
 from jumpvision.browser.workbench.flowing import OF_ONE, Asked, Batch
 from jumpvision.browser.workbench.server import Server
-from jumpvision.browser.workbench.why import said
+from jumpvision.browser.workbench.why import causes, said
 from jumpvision.cli import main
-from jumpvision.engine.document.values import Cell, Height
+from jumpvision.engine.document.values import Cell, Height, Pattern, Varies
 from jumpvision.experiment.init.recognise import recordings
 from jumpvision.experiment.results.tables import Profiles
 from jumpvision.experiment.stages.grains.flow import derivatives
@@ -612,6 +614,45 @@ def test_the_bed_s_threshold_is_moved_by_hand_and_written(tmp_path, browser, ser
     assert np.round(found["profile"]["row_px"], 2).tolist() == seen and h.said == []
 
 
+def test_the_crater_s_threshold_and_radius_are_moved_by_hand_and_written(tmp_path, browser, served):
+    """A line that is faint on one side: how faint may be moved, and the run finds what was seen, to the last digit."""
+    folder = tmp_path / "crater"
+    folder.mkdir()
+    rng, x, rows = np.random.default_rng(2), np.arange(300), np.arange(120)[:, None]
+    line = 50 + 25 * np.exp(-(((x - 150.3) / 40) ** 2))
+    crest = np.where(x < 40, 24.0, 160.0)  # 40 columns at 0.15 of the rest
+    light = 20 + crest * np.exp(-0.5 * ((rows - line) / 1.8) ** 2) + rng.normal(0, 1, (120, 300))
+    cv2.imwrite(str(folder / "crater.png"), np.clip(light, 0, 255).astype(np.uint8))
+    (folder / "experiment.toml").write_text('schema = 1\n[crater_image]\nfile = "crater.png"\nscale = 1e-3\n')
+    h = Hand(browser, served(folder))
+    h.page.keyboard.press("t")
+    h.until("workbench.store.bed")
+    assert h.get("workbench.store.bed.lost") == pytest.approx(40, abs=4) and "cm³" in h.page.inner_text("#volume")
+    level = h.page.get_by_label("Least contrast of the line, of the typical one")
+    box = level.bounding_box()
+    h.page.mouse.move(box["x"] + 0.2 * box["width"], box["y"] + box["height"] / 2)
+    h.page.mouse.down()
+    h.page.mouse.move(box["x"] + 0.06 * box["width"], box["y"] + box["height"] / 2, steps=5)
+    h.page.mouse.up()
+    let_go = float(level.input_value())
+    h.until(f"workbench.store.table.params?.crater?.contrast === {let_go} && workbench.store.bed.contrast === {let_go}")
+    assert h.get("workbench.store.bed.lost") < 10
+    h.page.get_by_label("Undisturbed beyond [mm]").fill("110")
+    h.until("workbench.store.bed.radius === 0.11")
+    seen = h.get("workbench.store.bed")
+    good = [k for k, r in enumerate(seen["row"]) if r is not None]
+    assert np.abs(np.array(seen["row"])[good].astype(float) - line[good])[40:].max() < 0.5
+    h.click("#tab-run")
+    h.click("#write")
+    h.page.wait_for_selector("text=Written:")
+    written = tomllib.loads((folder / "experiment.toml").read_text())["params"]["crater"]
+    assert written == {"contrast": let_go, "radius": 0.11}
+    found = json.loads((stage("crater", folder) / "crater.json").read_text())
+    assert [found["volume_m3"], found["sigma_m3"]] == seen["volume"] and h.said == []
+    rounded = [None if r is None else round(r, 2) for r in found["line"]["row_px"]]
+    assert rounded == seen["row"]
+
+
 def test_a_campaign_at_a_glance_marks_what_stands_out_and_opens_it(tmp_path, browser, served):
     campaign = tmp_path / "drops"
     campaign.mkdir()
@@ -689,6 +730,25 @@ def test_a_diagnosis_says_how_far_its_models_miss_a_jump():
     texts = said(d, "b")
     assert texts[:2] == ["model: height +2.00 mm", "extended model: height +0.10 mm"] and "flight, -3.00 mm" in texts[2]
     assert said(d, "a") == said(None, "b") == []
+
+
+def test_the_cause_of_a_diagnosis_stands_beside_the_residual():
+    """What is named for all jumps, and what is odd of one of them only there; nothing where nothing is known."""
+    apart = {"p_value": 1e-9, "of": None, "unit": "1", "declared": 1.0, "at": {}}
+    odd = [
+        Varies("scale", Pattern.ODD, recordings=("b",), value=1.04, low=1.03, high=1.05, established=e, **apart)
+        for e in (True, False)
+    ]
+    strength = {"C": parameter(2.7, 0.2)}
+    lacking = diagnosis(named=("added_mass",), causes=named_causes(("added_mass",), strength), varies=(odd[0],))
+    assert causes(None, "b") == []
+    texts = causes(lacking, "b")
+    assert "scale" in texts[0] and "4" in texts[0] and len(texts) == 2
+    assert texts[1] == causes(lacking, "a")[0] and len(causes(lacking, "a")) == 1
+    assert texts[1].startswith("the model lacks: added mass of the jammed cone (probability 0.9")
+    assert "C = 2.7" in texts[1]
+    assert causes(diagnosis(varies=(odd[1],)), "b") == ["diagnosis: no cause is named"]
+    assert causes(diagnosis(verdict="adequate"), "b") == ["diagnosis: the model is adequate"]
 
 
 @pytest.mark.long

@@ -183,7 +183,7 @@ def synth(
 
 
 @app.command(name="open")
-def open_path(path: Path, /, *, port: int = 0, browser: bool = True) -> int:
+def open_path(path: Path, /, *, simulator: str = "", port: int = 0, browser: bool = True) -> int:
     """The workbench: a page in the browser to look at films, set scale and marks, track, correct and run.
 
     Everything stays on this machine; files are written only when the page's button says so. Ctrl-C stops it.
@@ -194,6 +194,8 @@ def open_path(path: Path, /, *, port: int = 0, browser: bool = True) -> int:
     ----------
     path
         A film, the folder of one experiment, or a folder of such folders.
+    simulator
+        MODULE:NAME (or FILE.py:NAME) of your own Study, drawn over the film; as in diagnose.
     port
         Of http://127.0.0.1; default: a free one.
     browser
@@ -203,7 +205,7 @@ def open_path(path: Path, /, *, port: int = 0, browser: bool = True) -> int:
 
     from . import terminal as show
 
-    with Server(path, port) as server:
+    with Server(path, port, simulator) as server:
         try:
             show.served(server, browser=browser)
         finally:

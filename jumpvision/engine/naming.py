@@ -91,6 +91,9 @@ def name(
         search.race(varying(search, beside))
         if known in search.fits:
             check_likelier(search, known)
+    top = max(search.fits, key=search.log_probability)
+    if not has_own(problem, search.fits[top]):
+        search.race(exchanges(search, top))  # the simpler cause in its place may not have been tried
     passing = likelier(search)
     key = passing[0] if passing else established(search)
     if key:
@@ -176,12 +179,13 @@ def established(search: Search) -> Key:
     """
     key = likeliest_of(search)
     while key:
-        if key not in search.fits:
+        # a pattern that is no more than a simpler cause is that cause: its sets are not without it
+        fits = {k: f for k, f in search.fits.items() if has_own(search.problem, f)}
+        if key not in fits:
             return frozenset()
-        left = left_of(search.problem, search.fits[key], search.test(key).score)
+        left = left_of(search.problem, fits[key], search.test(key).score)
         own = {
-            m: min(f.chi2 for k, f in search.fits.items() if m not in k and len(k) <= len(key)) - search.fits[key].chi2
-            for m in key
+            m: min(f.chi2 for k, f in fits.items() if m not in k and len(k) <= len(key)) - fits[key].chi2 for m in key
         }
         weakest = min(own, key=lambda m: own[m])
         if left < ESTABLISHED * own[weakest]:

@@ -160,3 +160,6 @@ class CraterParams(Params):
     radius: float | None = param(
         None, "m", "beyond it the surface is undisturbed; default: found", lo=0, hi=10, open_lo=True
     )
+    contrast: float = param(
+        0.2, "", "a column whose contrast is below this share of the typical one has no laser line", lo=0, hi=1
+    )

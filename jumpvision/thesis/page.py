@@ -25,7 +25,7 @@ from jumpvision.report.pages.charts import (
     panel,
     series,
 )
-from jumpvision.report.pages.page import static, template
+from jumpvision.report.pages.page import script, style, template
 from jumpvision.report.pages.words import drawing
 from jumpvision.thesis.figures.sweeps import SHOWN, read_sweep, sweep_figure
 from jumpvision.thesis.studies.axes import AXES
@@ -39,8 +39,8 @@ def write_sweep(file: Path) -> Path:
     data = read_sweep(file)
     sentence, facts = words(data)
     text = template("sweep.html.j2").render(
-        style=static("page.css"),
-        script=static("plot.js") + static("page.js"),
+        style=style(),
+        script=script(),
         title=f"{file.stem}: {origin_of(data).analysis}",
         version=__version__,
         sentence=sentence,

@@ -16,6 +16,7 @@ import numpy as np
 from jumpvision.base.record import plain
 from jumpvision.base.schema import InputError
 from jumpvision.base.storage import write_aside
+from jumpvision.engine.study.processes import outside
 from jumpvision.experiment import files
 from jumpvision.experiment.campaign.folder import results_of
 from jumpvision.experiment.init.recognise import ANY_RATE, FILMS, KNOWN, Recording, ball, recognised, recordings
@@ -29,13 +30,14 @@ from jumpvision.experiment.inputs.sections import (
     Bed,
     BedImage,
     Calibration,
+    CraterImage,
     Robot,
     RodCorrections,
     RodVideo,
 )
 from jumpvision.experiment.results.tables import Simulation
 from jumpvision.experiment.stages.recordings import SCALE_OF_PIXELS
-from jumpvision.films.parameters import BedParams, TrackParams
+from jumpvision.films.parameters import BedParams, CraterParams, TrackParams
 
 from .adding import Adding
 from .draft import CORRECTIONS, HEAD, Composed, Draft, composed, placed
@@ -47,7 +49,8 @@ from .following import Following, Row, balls_of, section_of
 from .glance import Row as Glanced
 from .glance import glance, small
 from .logs import Trace, traces
-from .matching import BedLine, bed_line
+from .matching import BedLine, CraterLine, bed_line, crater_line
+from .own import height
 from .plotting import Fitted, Motion
 from .running import Running
 from .why import Why, why
@@ -70,7 +73,8 @@ class Seen:
 @dataclass(frozen=True)
 class State:
     """All that the page begins with. given: tables of experiment.toml (or of its draft) and campaign.toml.
-    kept: what the page was when it was left. beside: folder in which a new one may be made; known: suffixes."""
+    kept: what the page was when it was left. beside: folder in which a new one may be made; known: suffixes.
+    study: MODULE:NAME of a user's own, "" for none."""
 
     folder: str
     name: str
@@ -83,6 +87,7 @@ class State:
     kept: object = None
     beside: str = ""
     known: tuple[str, ...] = KNOWN
+    study: str = ""
 
 
 KEPT = "workbench.json"
@@ -307,16 +312,29 @@ class Bench:
         sections = made.section(Bed), made.section(Calibration)
         return bed_line(image, *sections, made.params(BedParams), self.film("bed_image").grey(frame))
 
+    def crater(self, draft: Draft, frame: int) -> CraterLine:
+        """The laser line over a crater in one picture."""
+        made = self.composed(draft)
+        image = made.section(CraterImage)
+        if image is None:
+            raise InputError([f"{self.folder}: no [crater_image] here: no line to find"])
+        return crater_line(
+            image, made.section(Calibration), made.params(CraterParams), self.film("crater_image").grey(frame)
+        )
+
     def logs(self, draft: Draft) -> Sequence[Trace]:
         """The logs under the film."""
         return traces(self.composed(draft))
 
 
 class Benches:
-    """The benches of what `open` was given, one at a time, and the run of all of it."""
+    """The benches of what `open` was given, one at a time, and the run of all of it. study: MODULE:NAME."""
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path, study: str = ""):
         path = folder_of(path)
+        if study:
+            outside(study, path if path.is_dir() else path.parent)
+        self.study, self._own = study, None  # type: str, tuple[Motion, Fitted] | None
         if not path.exists():
             raise InputError([f"{path}: does not exist; give a film, an experiment's folder or a folder of those"])
         self.only = "" if path.is_dir() else path.name
@@ -347,7 +365,8 @@ class Benches:
         return self.bench.folder if self.bench.only else self._campaign or self.bench.folder.resolve().parent
 
     def state(self) -> State:
-        return replace(self.bench.state(), experiments=list(self.folders), beside=str(self.beside))
+        there = replace(self.bench.state(), experiments=list(self.folders), beside=str(self.beside))
+        return replace(there, study=self.study)
 
     def add(self, name: str, files: Mapping[str, int]) -> None:
         """Begin a new folder for files (name -> bytes); one that was left half-way is taken away."""
@@ -408,8 +427,20 @@ class Benches:
         there = Before(self.bench.folder, self.whole).record(Simulation)
         if there is None:
             raise InputError(["simulation.csv: none that still holds; write and run the experiment first"])
-        t = there.table
-        return self.bench.motion(draft).simulated(t.time_s.to_numpy(float), t.rod_m.to_numpy(float))
+        t, rod = there.table.time_s.to_numpy(float), there.table.rod_m.to_numpy(float)
+        motion = self.bench.motion(draft)
+        up = np.interp(motion.time, t, rod - rod[0], left=np.nan, right=np.nan)
+        return motion.beside(up, "height of the rod in simulation.csv")
+
+    def studied(self, draft: Draft) -> Fitted:
+        """The ball as the user's own study simulates it, beside the one that is followed."""
+        if not self.study:
+            raise InputError(["study: none; jumpvision open PATH --simulator MODULE:NAME"])
+        motion = self.bench.motion(draft)
+        if self._own is None or self._own[0] is not motion:  # of this track with these values: made once
+            up = height(self.study, self.bench.composed(draft), motion.time, motion.height)
+            self._own = motion, motion.beside(up, f"height by {self.study}")
+        return self._own[1]
 
     def glance(self) -> list[Glanced]:
         """All experiments in a row each."""

@@ -208,20 +208,29 @@ class Motion:
             **self._in_film(part.y, curve - y.values),
         )
 
-    def simulated(self, time: Array, rod: Array) -> Fitted:
-        """The jump as the last run simulated it, from the same rest: rod (m,) [m], up, at time (m,) [s]."""
+    @property
+    def time(self) -> Array:
+        """(n,) [s] of the frames."""
+        return self.measured["time"].values
+
+    @property
+    def height(self) -> Array:
+        """(n,) [m] above rest, NaN where lost. InputError without a scale."""
         if self.unit != "m" or "height_m" not in self.result:
-            raise InputError(["[rod_video] scale: missing; a simulated jump is in metres"])
-        t, y = self.measured["time"].values, self.measured["y"]
-        rest = float(np.nanmedian(y.values - self.result.height_m.to_numpy(float)))
-        curve = rest + np.interp(t, time, rod - rod[0], left=np.nan, right=np.nan)
+            raise InputError(["[rod_video] scale: missing; what is simulated is in metres"])
+        return self.result.height_m.to_numpy(float)
+
+    def beside(self, simulated: Array, words: str) -> Fitted:
+        """A simulated height above rest (n,) [m] beside what was followed, from the same rest. words: whose it is."""
+        t, y = self.time, self.measured["y"]
+        curve = float(np.nanmedian(y.values - self.height)) + simulated
         residual = y.values - curve
         good = np.isfinite(residual)
         if not good.any():
-            raise InputError(["simulation.csv: has no time in common with the film; see [rod_video] start"])
+            raise InputError([f"{words}: has no time in common with the film; see [rod_video] start"])
         rms = float(np.sqrt(np.mean(residual[good] ** 2)))
         return Fitted(
-            formula="height of the rod in simulation.csv",
+            formula=words,
             begin=float(t[good][0]),
             parameters=[],
             said="",

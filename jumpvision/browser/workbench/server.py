@@ -20,6 +20,7 @@ from jumpvision.base.local_page import ALONE, LocalHandler, LocalServer, Refused
 from jumpvision.base.record import plain
 from jumpvision.base.schema import InputError
 from jumpvision.films.frames import FrameError
+from jumpvision.report import pages
 
 from .bench import Benches
 from .draft import draft_of
@@ -140,10 +141,6 @@ def _fit(b: Benches, q: Question) -> object:
     return _motion(b, q).fit(part)
 
 
-def _simulated(b: Benches, q: Question) -> object:
-    return b.simulated(draft_of(q.get("draft")))
-
-
 def _keep(b: Benches, q: Question) -> object:
     b.bench.keep(q.get("page"))
     return {}
@@ -194,9 +191,11 @@ QUESTIONS: dict[str, Callable[[Benches, Question], object]] = {
     "/api/add/end": _added,
     "/api/add/stop": lambda b, _: {"problem": b.stop_adding()},
     "/api/bed": lambda b, q: b.bench.bed(draft_of(q.get("draft")), _whole(q, "frame")),
+    "/api/crater": lambda b, q: b.bench.crater(draft_of(q.get("draft")), _whole(q, "frame")),
     "/api/columns": lambda b, q: _motion(b, q).columns(),
     "/api/fit": _fit,
-    "/api/simulated": _simulated,
+    "/api/simulated": lambda b, q: b.simulated(draft_of(q.get("draft"))),
+    "/api/study": lambda b, q: b.studied(draft_of(q.get("draft"))),
     "/api/keep": _keep,
     "/api/logs": lambda b, q: b.bench.logs(draft_of(q.get("draft"))),
     "/api/open": _change,
@@ -207,11 +206,14 @@ QUESTIONS: dict[str, Callable[[Benches, Question], object]] = {
 
 
 class Server(LocalServer):
-    """Serves the benches of a path. Raises InputError where nothing is there to open."""
+    """Serves the benches of a path, with a user's own study. Raises InputError where nothing is there to open."""
 
-    def __init__(self, path: Path, port: int):
-        self.files = static_files(__package__, "index.html")
-        self.benches = Benches(path)
+    def __init__(self, path: Path, port: int, study: str = ""):
+        of_pages = static_files(pages.__name__, "page.css")  # uPlot is there, once
+        self.files = static_files(__package__, "index.html") | {
+            at: f for at, f in of_pages.items() if at.startswith("/uplot/")
+        }
+        self.benches = Benches(path, study)
         super().__init__(port, Handler, "open", secret=True)
 
     def close_benches(self) -> None:

@@ -10,11 +10,15 @@ import numpy as np
 
 from jumpvision.base.record import plain
 from jumpvision.base.schema import InputError
-from jumpvision.engine.document.diagnosis import Diagnosis
+from jumpvision.engine.document.diagnosis import Diagnosis, chance
+from jumpvision.engine.document.varies import clauses
 from jumpvision.experiment.campaign.folder import results_of
 from jumpvision.experiment.inputs.experiment import CAMPAIGN, EXPERIMENT
 from jumpvision.experiment.inputs.model import read_toml
 from jumpvision.experiment.results.tables import RodMotion, Simulation, Track
+from jumpvision.jumper.question.words import words_of
+from jumpvision.report.pages.quantities import typeset
+from jumpvision.report.pages.verdict import mechanism_said
 
 from .draft import Draft, composed
 from .earlier import places_of
@@ -27,7 +31,8 @@ POINTS = 1200  # of the line
 @dataclass(frozen=True)
 class Why:
     """t [s] and y [m]: measured minus simulated, or the height where nothing was simulated. at [s], greatest [m]: where
-    it is largest; frame of the rod's film there, None without a film. says: of the diagnosis, a line each."""
+    it is largest; frame of the rod's film there, None without a film. causes, says: of the diagnosis, a line each: why,
+    and how far."""
 
     experiment: str
     simulated: bool
@@ -36,6 +41,7 @@ class Why:
     at: float
     greatest: float
     frame: int | None
+    causes: list[str]
     says: list[str]
     logs: Sequence[Trace]
 
@@ -56,6 +62,7 @@ def why(name: str, folder: Path, whole: Path) -> Why:
     if track is not None:
         frame = int(track.table.frame.iloc[int(np.argmin(np.abs(track.table.time_s.to_numpy(float) - t[k])))])
     line_t, line_y = thinned(t[good], y[good], POINTS)
+    d = loaded(Diagnosis, results_of(whole))
     return Why(
         name,
         model is not None,
@@ -64,9 +71,23 @@ def why(name: str, folder: Path, whole: Path) -> Why:
         float(t[k]),
         float(y[k]),
         frame,
-        said(loaded(Diagnosis, results_of(whole)), name),
+        causes(d, name),
+        said(d, name),
         logs(folder),
     )
+
+
+def causes(d: Diagnosis | None, name: str) -> list[str]:
+    """What a diagnosis says is lacking in the simulation of all jumps, and what is odd about this one."""
+    if d is None:
+        return []
+    own = clauses([v for v in d.varies if v.established and name in v.recordings], words_of(d))
+    named = next((c for c in d.models if d.names(c)), None)
+    if named is None:
+        none = "the model is adequate" if d.adequate else "no cause is named" if not own else ""
+        return [*own, *([f"diagnosis: {none}"] if none else [])]
+    lacks = " and ".join(mechanism_said(d, m) for m in named.mechanisms)
+    return [*own, f"the model lacks: {lacks} (probability {chance(named.probability)}; {typeset(named.words)})"]
 
 
 def said(d: Diagnosis | None, name: str) -> list[str]:

@@ -147,9 +147,9 @@ class Others:
     def __init__(self, study: Study, recordings: Sequence[Recording], how: How, workers: int) -> None:
         self.given = (how.source or study, list(recordings))
         self.limit, self.context = how.limit, _context(study, how.source)
-        self.processes: list[_Process] = []
+        self.processes: list[Process] = []
         try:
-            self.processes = [_Process(self.context, self.given) for _ in range(workers)]
+            self.processes = [Process(self.context, self.given) for _ in range(workers)]
         except BaseException:
             self.close()
             raise
@@ -160,7 +160,7 @@ class Others:
             while waiting or any(p.busy for p in self.processes):
                 for i, p in enumerate(self.processes):
                     if p.dead:
-                        self.processes[i] = p = _Process(self.context, self.given)
+                        self.processes[i] = p = Process(self.context, self.given)
                     if not p.busy and waiting:
                         p.begin(*waiting.popleft())
                 yield from self._results()
@@ -189,7 +189,7 @@ class Others:
             p.end()
 
 
-class _Process:
+class Process:
     """One other process and what it is busy with."""
 
     def __init__(self, context: Any, given: tuple[Study | str, list[Recording]]) -> None:
@@ -205,6 +205,16 @@ class _Process:
         if said is not None:
             self.end()
             raise InputError([said if said.startswith("--simulator") else f"the simulator {said}"])
+
+    def described(self, source: str) -> Study:
+        try:
+            self.connection.send("describe")
+            found = self.connection.recv()
+        except EOFError:
+            found = Failure("died when it was asked for its parameters")
+        if isinstance(found, Failure):
+            raise InputError([f"--simulator {source}: {found.why}"])
+        return found
 
     def begin(self, at: int, ask: Ask) -> None:
         self.connection.send(ask)
@@ -303,17 +313,11 @@ def _description(study: Study, recordings: Sequence[Recording]) -> Study | Failu
 
 def described(source: str, recordings: Sequence[Recording]) -> Study:
     """The study MODULE:NAME as another process tells of it: nothing of the user's is imported here."""
-    process = _Process(multiprocessing.get_context("spawn"), (source, list(recordings)))
+    process = Process(multiprocessing.get_context("spawn"), (source, list(recordings)))
     try:
-        process.connection.send("describe")
-        found = process.connection.recv()
-    except EOFError:
-        found = Failure("died when it was asked for its parameters")
+        return process.described(source)
     finally:
         process.end()
-    if isinstance(found, Failure):
-        raise InputError([f"--simulator {source}: {found.why}"])
-    return found
 
 
 def _portable(value: Any) -> object:
@@ -354,12 +358,8 @@ def outside(source: str, folder: Path) -> None:
     file = Path(module) if module.endswith(".py") else Path(*module.split(".")).with_suffix(".py")
     inside = Path.cwd() == folder.resolve() or folder.resolve() in file.resolve().parents
     if inside and (file.exists() or file.with_suffix("").is_dir()):
-        raise InputError(
-            [
-                f"--simulator {source}: {file} lies in the folder of recordings {folder}, from which nothing is "
-                "imported; move it out"
-            ]
-        )
+        said = f"{file} lies in the folder of recordings {folder}, from which nothing is imported; move it out"
+        raise InputError([f"--simulator {source}: {said}"])
 
 
 def source_of(function: Callable[..., object]) -> str:

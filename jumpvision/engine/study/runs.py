@@ -87,12 +87,8 @@ class Runs:
                 new[key] = ask
         if self.how.budget is not None and self.count.made + len(new) > self.how.budget:
             kept = f"; {self.how.keep} keeps them" if self.store else ""
-            raise BudgetUsed(
-                [
-                    f"the budget of {self.how.budget} runs is used up{kept}: raise it, leave out candidates, or give "
-                    "closer first values and narrower ranges"
-                ]
-            )
+            do = "raise it, leave out candidates, or give closer first values and narrower ranges"
+            raise BudgetUsed([f"the budget of {self.how.budget} runs is used up{kept}: {do}"])
         wanted = list(new.items())
         began = time.perf_counter()
         for k, value in self.maker.results([a for _, a in wanted]):

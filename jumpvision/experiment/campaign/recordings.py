@@ -8,9 +8,10 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
+from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError, read
 from jumpvision.engine.study.study import Recording
-from jumpvision.experiment.inputs.experiment import Campaign
+from jumpvision.experiment.inputs.experiment import Campaign, Experiment
 from jumpvision.experiment.inputs.labels import Labels
 from jumpvision.experiment.inputs.parameters import SimulateParams
 from jumpvision.experiment.inputs.sections import Actuation, Motor, MotorLog
@@ -38,28 +39,31 @@ def recordings_of(campaign: Campaign, outcomes: Mapping[str, Outcome]) -> list[R
         if outcome is None or not (outcome.results / RodMotion.file).exists():
             continue
         t, y, sigma = RodMotion.load(outcome.results).arrays
-        law, log, motor = e.section(Actuation), e.section(MotorLog), e.section(Motor)
-        inputs: dict[str, object] = {n: asdict(x) for n, x in e.sections.items() if n != Labels.name}
-        if (law and law.moves) or log:
-            p, _ = read(SimulateParams, e.params.get("simulate", {}), "")
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", StageWarning)  # said by the stage `simulate`
-                forcing, stop = driver(log, law, motor, p or SimulateParams(), sand=e.ground == "granular")
-            inputs["motor_stop_s"] = stop
-            if not isinstance(forcing, Loop):
-                fine = np.linspace(t[0], t[-1], 4 * (t.size - 1) + 1)  # four values of the motor's position a frame
-                inputs |= {"motor_time_s": fine, "motor_m": forcing(fine)[0]}
-        labels: dict[str, str | float | None] = {"kind": law.kind if law else "logged_motion"}
-        labels |= {"frequency": law.frequency, "delay": law.delay} if law else {}
-        group = e.header.group or e.name
-        if own := e.section(Labels):
-            labels |= own.values
         c = known[e.name]
-        stated = sigma if states_noise(e) else None
-        made = Recording(e.name, t, y, inputs, labels, group, sigma=stated, order=c.order, recorded=c.time)
-        out.append(replace(made, session=c.session or "", source=c.source))
+        made = recording_of(e, t, y, sigma if states_noise(e) else None)
+        out.append(replace(made, order=c.order, recorded=c.time, session=c.session or "", source=c.source))
     if not out:
         raise InputError(
             [f"{campaign.path}: no experiment has a track ([rod_video] or [rod_track]): nothing to diagnose"]
         )
     return out
+
+
+def recording_of(e: Experiment, t: Array, y: Array, sigma: Array | None) -> Recording:
+    """One of them; its place in the series is not known. t [s], y, sigma [m]: (n,)."""
+    law, log, motor = e.section(Actuation), e.section(MotorLog), e.section(Motor)
+    inputs: dict[str, object] = {n: asdict(x) for n, x in e.sections.items() if n != Labels.name}
+    if (law and law.moves) or log:
+        p, _ = read(SimulateParams, e.params.get("simulate", {}), "")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StageWarning)  # said by the stage `simulate`
+            forcing, stop = driver(log, law, motor, p or SimulateParams(), sand=e.ground == "granular")
+        inputs["motor_stop_s"] = stop
+        if not isinstance(forcing, Loop):
+            fine = np.linspace(t[0], t[-1], 4 * (t.size - 1) + 1)  # four values of the motor's position a frame
+            inputs |= {"motor_time_s": fine, "motor_m": forcing(fine)[0]}
+    labels: dict[str, str | float | None] = {"kind": law.kind if law else "logged_motion"}
+    labels |= {"frequency": law.frequency, "delay": law.delay} if law else {}
+    if own := e.section(Labels):
+        labels |= own.values
+    return Recording(e.name, t, y, inputs, labels, e.header.group or e.name, sigma=sigma)

@@ -40,7 +40,7 @@ def crater(
         at = None if axis is None else (axis[0] * scale, -axis[1] * scale)
         found = map_crater(image.astype(float), scale, axis=at, radius=p.radius)
     else:
-        seen = laser_line(image, saturation=saturation_of(image))
+        seen = laser_line(image, saturation=saturation_of(image), contrast=p.contrast)
         lost, rise = seen.flag != "", scale / math.sin(laser_angle)
         if lost.all():
             raise ValueError(f"crater: {seen.flag[0]}; a bright line on a darker bed is needed")

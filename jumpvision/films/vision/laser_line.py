@@ -30,10 +30,11 @@ class LaserLine:
     flag: NDArray[np.str_]
 
 
-def laser_line(image: ArrayLike, *, saturation: float | None = None) -> LaserLine:
+def laser_line(image: ArrayLike, *, saturation: float | None = None, contrast: float = 0.2) -> LaserLine:
     """The line in a grey image (ny, nx).
 
     saturation: grey level at and above which a pixel is clipped and left out of the fit (None: none is).
+    contrast: share of the typical contrast below which a column has no line.
     ValueError for an image too small to hold a line.
     """
     grey = np.asarray(image, dtype=float)
@@ -54,8 +55,7 @@ def laser_line(image: ArrayLike, *, saturation: float | None = None) -> LaserLin
     # the line may change by 6 px from one column to the next,
     # each of which costs 0.02 of the typical contrast
     path = strongest_chain(np.ascontiguousarray(strength.T) / typical, 6, 0.02)
-    # columns below a fifth of the typical contrast have no line
-    there = strength[path, np.arange(nx)] > 0.2 * typical
+    there = strength[path, np.arange(nx)] > contrast * typical
 
     width = _typical_width(grey, path, there)
     reach = max(4, int(np.ceil(4.0 * width)))  # four line widths on each side

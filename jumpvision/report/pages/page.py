@@ -97,8 +97,8 @@ def write_campaign(
     moving = {"src": film(cone), "poster": poster(cone)} if cone is not None and cone.exists() else None
     text = template("campaign.html.j2").render(
         key=MADE_FROM.format(key),
-        style=static("page.css"),
-        script=static("plot.js") + static("page.js"),
+        style=style(),
+        script=script(),
         title=campaign.path.absolute().name,
         version=__version__,
         sentence=sentence,
@@ -200,8 +200,8 @@ def write_experiment(outcome: Outcome, law: Actuation | None, back: str, receipt
     made = json.loads(receipt or "{}")
     text = template("experiment.html.j2").render(
         key=MADE_FROM.format(key),
-        style=static("page.css"),
-        script=static("plot.js") + static("page.js"),
+        style=style(),
+        script=script(),
         title=outcome.name,
         version=__version__,
         back=back,
@@ -258,6 +258,17 @@ def template(name: str) -> Template:
         trim_blocks=True,
         lstrip_blocks=True,
     ).get_template(name)
+
+
+def style() -> str:
+    """What a page's style element holds."""
+    return static("uplot/uPlot.min.css") + static("page.css")
+
+
+def script() -> str:
+    """What a page's script element holds: uPlot with its licence, and what draws by it."""
+    licence = f"/*\n{static('uplot/LICENSE')}*/\n"
+    return licence + static("uplot/uPlot.iife.min.js") + static("plot.js") + static("page.js")
 
 
 @cache

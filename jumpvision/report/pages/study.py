@@ -13,7 +13,7 @@ from jumpvision.experiment import files
 from jumpvision.report.figures.diagnosis import study_picture
 from jumpvision.report.figures.varies import shown, what_varies
 
-from .page import static, template
+from .page import script, style, template
 from .quantities import typeset
 from .study_charts import correlation_rows, recordings_charts
 from .verdict import VerdictShown, causes_shown, detectable_shown
@@ -41,8 +41,8 @@ def page(d: Diagnosis, png: bytes, title: str) -> str:
     """The page."""
     runs, varies = d.runs, drawing(what_varies, v) if (v := shown(d)) else None
     return template("study.html.j2").render(
-        style=static("page.css"),
-        script=static("plot.js") + static("page.js"),
+        style=style(),
+        script=script(),
         title=title,
         version=__version__,
         sentence=d.sentence,

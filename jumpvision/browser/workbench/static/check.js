@@ -13,10 +13,12 @@ typed.addEventListener("change", () => {
   const v = typed.value.split(/[,;\s]+/).filter(Boolean).map(Number);
   if (v.length === 2 && v.every(Number.isFinite)) { store.draft.corrections[store.frame] = v; changed(); emit("track"); }
 });
+const stepOn = element("input", { type: "checkbox" }); // for a finger: with a mouse Shift does it
+stepOn.addEventListener("change", () => { store.stepOn = stepOn.checked; });
 const list = element("ul", { className: "list" }), logs = element("div", {});
 check.append(element("div", { className: "ball-only" }, element("h2", { textContent: "Is it right?" }), counts,
   element("div", { className: "buttons" }, button("‹ Previous lost", () => problem(-1)), button("Next lost ›", () => problem(1)), fix),
-  row("Ball in this frame", typed), why, element("h3", { textContent: "Corrected by hand" }), list),
+  row("Each click steps on one frame", stepOn), row("Ball in this frame", typed), why, element("h3", { textContent: "Corrected by hand" }), list),
   element("h3", { textContent: "Logs on the film's clock" }), logs);
 
 on("state track frame draft tool", () => {

@@ -21,8 +21,11 @@ const rod = element("div", {}, seen,
 const surface = element("p", { id: "surface", data: { "aria-live": "polite" } }), packing = element("p", { id: "packing" });
 const level = valueNumber("params.bed", "threshold", "Grains are darker than [grey levels]", { min: 0, max: 255, step: 1, usual: 128 });
 const bed = element("div", {}, valueChoice("params.bed", "method", "Surface by", [["edge", "edges"], ["threshold", "a threshold"]], "edge"), level.made, element("div", { className: "buttons" }, button("Find the surface", () => find(), "main")), surface, packing);
-const none = element("p", { className: "note", textContent: "Nothing is searched in this picture here; `jumpvision run` does it." });
-const sections = { rod_video: rod, grain_video: panel, bed_image: bed, crater_image: none };
+const line = element("p", { data: { "aria-live": "polite" } }), volume = element("p", { id: "volume" });
+const crater = element("div", {}, slider("params.crater", "contrast", "Least contrast of the line, of the typical one", { min: 0, max: 1, step: 0.02 }, 0.2),
+  valueNumber("params.crater", "radius", "Undisturbed beyond [mm]", { factor: 1000 }).made,
+  element("div", { className: "buttons" }, button("Find the line", () => find(), "main")), line, volume);
+const sections = { rod_video: rod, grain_video: panel, bed_image: bed, crater_image: crater };
 box.append(element("h2", { textContent: "What is found" }), ...Object.values(sections));
 
 function slider(section, key, words, limits, usual) {
@@ -85,22 +88,31 @@ on("state track", () => {
   said.className = problem ? "bad" : "note";
 });
 
+const short = ([v, s], k, unit) => { const digits = s > 0 ? Math.max(0, 1 - Math.floor(Math.log10(k * s))) : 3; return `${(k * v).toFixed(digits)} ± ${(k * s).toFixed(digits)}${unit}`; };
 const find = latest(() => attempt(async () => {
-  store.bed = await post("api/bed", { draft: store.draft, frame: store.frame });
-  const n = store.bed.row.length;
-  const { levels, threshold, height, phi, lacks } = store.bed, short = ([v, s], k, unit) => { const digits = s > 0 ? Math.max(0, 1 - Math.floor(Math.log10(k * s))) : 3; return `${(k * v).toFixed(digits)} ± ${(k * s).toFixed(digits)}${unit}`; };
+  const { section } = store, found = await post(section === "bed_image" ? "api/bed" : "api/crater", { draft: store.draft, frame: store.frame });
+  if (section !== store.section) return; // another picture came meanwhile
+  store.bed = found;
+  (section === "bed_image" ? ofBed : ofCrater)(found, found.row.length);
+  emit("bed");
+}));
+const columns = (what, n, lost, why) => `${what} in ${n - lost} of ${n} columns${why ? `; in the others: ${why}` : ""}.`;
+function ofBed({ levels, threshold, height, phi, lacks, lost, why }, n) {
   Object.assign(level.input, { min: Math.floor(levels[0]), max: Math.ceil(levels[1]) });
   if (value("params.bed", "threshold") == null) level.input.dataset.usual = level.input.value = level.made.querySelector("output").textContent = Math.round(threshold);
   packing.textContent = [height && `Height ${short(height, 1e3, " mm")}.`, phi && `Volume fraction phi = ${short(phi, 1, "")}.`, lacks].filter(Boolean).join(" ");
-  surface.textContent = `Surface in ${n - store.bed.lost} of ${n} columns. ${store.bed.why}`;
-  emit("bed");
-}));
+  surface.textContent = columns("Surface", n, lost, why);
+}
+function ofCrater({ volume: v, depth, radius, lacks, lost, why }, n) {
+  line.textContent = columns("Line", n, lost, why);
+  volume.textContent = v ? `Volume change ${short(v, 1e6, " cm³")}, ${(1e3 * depth).toFixed(1)} mm deep, undisturbed beyond ${(1e3 * radius).toFixed(1)} mm.` : lacks;
+}
 on("frame", () => { store.bed = null; });
 on("section preview", () => { level.made.hidden = value("params.bed", "method") !== "threshold"; });
-on("preview", () => { if (store.bed && store.section === "bed_image") find(); }); // drawn anew as the slider moves
+on("preview", () => { if (store.bed) find(); }); // drawn anew as the slider moves
 
 export function act() { // the button of this section
-  ({ rod_video: track, grain_video: match, bed_image: find })[store.section]?.();
+  ({ rod_video: track, grain_video: match, bed_image: find, crater_image: find })[store.section]?.();
 }
 
 export function problem(direction) { // the next frame that is lost, or corrected

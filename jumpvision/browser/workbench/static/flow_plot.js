@@ -2,7 +2,6 @@
 import { on, setValue, store, value } from "./store.js";
 import { button, element, row } from "./fields.js";
 import { line, match } from "./flow.js";
-import uPlot from "./vendor/uplot/uPlot.esm.js";
 
 export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const box = document.getElementById("step-plot");

@@ -2,7 +2,6 @@
 import { attempt, get, on, store } from "./store.js";
 import { button, element } from "./fields.js";
 import { axis, colour, curve } from "./flow_plot.js";
-import uPlot from "./vendor/uplot/uPlot.esm.js";
 
 const box = document.getElementById("glance"), sheet = box.querySelector(".sheet"), said = document.getElementById("glance-said"), begin = document.getElementById("glance-open");
 let open = () => {};
@@ -39,6 +38,7 @@ async function why(name) {
   store.why = w;
   const range = [w.t[0], w.t.at(-1)], what = w.simulated ? "measured − simulated" : "height (nothing was simulated)";
   panel.replaceChildren(element("h3", { id: "why-title", textContent: `${name}: ${w.simulated ? "greatest residual" : "greatest height"} ${mm(w.greatest)} mm at ${w.at.toFixed(3)} s` }),
+    ...w.causes.map((c) => element("p", { className: "cause", textContent: c[0].toUpperCase() + c.slice(1) + "." })),
     element("p", { className: "note", textContent: w.says.join(" · ") }), element("div", { className: "panels" }));
   const draw = [plotted(what, "mm", w.t, w.y.map((v) => 1e3 * v), w.at, range)];
   if (w.frame !== null) {

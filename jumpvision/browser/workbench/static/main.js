@@ -28,7 +28,7 @@ export function step(name) {
     $(`tab-${s}`).tabIndex = on ? 0 : -1;
     $(`step-${s}`).hidden = !on;
   }
-  $("next").hidden = name !== "scale" || store.section === "crater_image";
+  $("next").hidden = name !== "scale";
   document.body.classList.toggle("wide", name === "plot");
   emit("step");
   if (name === "run") changed();
@@ -109,7 +109,7 @@ on("frame section preview", () => {
   t.setAttribute("aria-valuetext", $("clock").textContent);
   $("film").setAttribute("aria-label", `${f.file}, frame ${store.frame}`);
 });
-on("section", () => { $("act").textContent = { rod_video: "Track the film", grain_video: "Match a pair", bed_image: "Find the surface" }[store.section] ?? ""; });
+on("section", () => { $("act").textContent = { rod_video: "Track the film", grain_video: "Match a pair", bed_image: "Find the surface", crater_image: "Find the line" }[store.section] ?? ""; });
 on("tool", () => { $("hint").textContent = store.tool?.hint ?? ""; });
 on("playing", () => {
   $("play").textContent = player.playing ? "❚❚" : "▶";
@@ -146,6 +146,7 @@ const KEYS = [
   [["["], "Previous lost frame", () => problem(-1)],
   [["]"], "Next lost frame", () => problem(1)],
   [["c"], "Correct the ball in this frame", () => { step("check"); take({ key: "correct", numbers: 2, hint: "Click where the ball is in this frame" }); }],
+  [["Shift+click"], "Mark the ball in this frame and step on", () => {}],
   [["+", "="], "Magnify", () => zoom(1.5)],
   [["-"], "Make smaller", () => zoom(1 / 1.5)],
   [["0"], "Whole picture", fit],
@@ -153,7 +154,7 @@ const KEYS = [
   [["Escape", "Enter"], "End what is being clicked", () => take(null)],
   [["?"], "This list", () => $("help").showModal()],
 ];
-const OF_A_BALL = ["b", "s", "[", "]", "c"];
+const OF_A_BALL = ["b", "s", "[", "]", "c", "Shift+click"];
 const NAMES = { " ": "Space", ArrowLeft: "←", ArrowRight: "→" };
 $("keys").append(...KEYS.flatMap(([keys, words]) => [
   element("dt", { className: OF_A_BALL.includes(keys[0]) ? "ball-only" : "" }, ...keys.map((k) => element("kbd", { textContent: NAMES[k] ?? k }))), element("dd", { className: OF_A_BALL.includes(keys[0]) ? "ball-only" : "", textContent: words })]));

@@ -17,7 +17,7 @@ export function overlay(pen, view) {
   if (store.section === "grain_video") flowOver(pen, view);
   marks(on, cross, view);
   if (store.section === "rod_video") ball(on, cross, circle, view);
-  if (store.section === "bed_image" && store.bed) {
+  if (store.bed) { // the bed's surface, or the line over a crater
     on(GREEN, 1.5, () => store.bed.row.forEach((r, c) => {
       if (r === null) return;
       const [x, y] = view.toScreen(c, r), start = c === 0 || store.bed.row[c - 1] === null;

@@ -5,7 +5,6 @@ import { button, element, row } from "./fields.js";
 import { track } from "./find.js";
 import { seek } from "./player.js";
 import { table } from "./table.js";
-import uPlot from "./vendor/uplot/uPlot.esm.js";
 
 const box = document.getElementById("step-plot"), CLICK = 4; // px that a pointer may move and still click
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
@@ -15,15 +14,23 @@ const ys = element("select", {}), xs = element("select", {});
 const from = element("input", { type: "text", inputMode: "decimal", autocomplete: "off" }), to = from.cloneNode();
 const stage = element("div", { className: "plot", id: "plot", data: { role: "img" } }), rest = element("div", { className: "plot", id: "residual", data: { role: "img", "aria-label": "Residuals" } });
 const curves = CURVES.map(([name, words]) => { const b = button(words, () => choose({ curve: store.plot.curve === name ? "" : name })); b.dataset.curve = name; return b; });
-const jump = button("Simulated jump", () => { // of the last run: height against time, whole
-  Object.assign(store.plot, { x: "time", y: "y", part: null, curve: store.plot.curve === "simulated" ? "" : "simulated" });
-  draw();
-  fit();
-  emit("plot");
+const SIMULATED = { // curves that a simulation gives, whole: height against time
+  simulated: "As the last run simulated it, from the same rest; no number of it was fitted here.",
+  study: "By your own study with its first values, from the same rest; nothing was fitted here.",
+};
+const [jump, study] = [["simulated", "Simulated jump"], ["study", "Own study"]].map(([curve, words]) => {
+  const b = button(words, () => {
+    const other = store.plot.body > 1; // the columns are another body's
+    Object.assign(store.plot, { x: "time", y: "y", part: null, body: 1, curve: store.plot.curve === curve ? "" : curve });
+    if (other) attempt(ask); else { draw(); fit(); }
+    emit("plot");
+  });
+  Object.assign(b, { hidden: true }).dataset.curve = curve;
+  return b;
 });
-Object.assign(jump, { hidden: true }).dataset.curve = "simulated";
-curves.push(jump);
+curves.push(jump, study);
 on("earlier section", () => { jump.hidden = !store.earlier?.held.includes("simulation.csv"); });
+on("state", () => { study.hidden = !store.state.study; study.title = store.state.study; });
 const said = element("p", { id: "said", data: { "aria-live": "polite" } }), numbers = element("dl", { id: "numbers" }), note = element("p", { className: "note" });
 const none = element("div", {}, element("p", { id: "unplotted", data: { "aria-live": "polite" } }), element("div", { className: "buttons" }, button("Track the film", () => track(), "main")));
 const body = element("select", {}), which = row("Body", body);
@@ -111,11 +118,12 @@ const fit = latest(async () => {
   if (!curve || !store.columns) { store.fit = null; } else {
     const [low, high] = part ?? whole();
     try {
-      store.fit = curve === "simulated" ? await post("api/simulated", { draft: store.draft })
+      if (curve in SIMULATED) { note.className = "note"; note.textContent = "simulating ..."; }
+      store.fit = curve in SIMULATED ? await post(`api/${curve}`, { draft: store.draft })
         : await post("api/fit", { draft: store.draft, body: store.plot.body ?? 1, x, y, low, high, curve });
       note.className = "note";
       const shared = store.fit.parameters.at(store.fit.said ? -1 : 0);
-      note.textContent = !shared ? "As the last run simulated it, from the same rest; no number of it was fitted here."
+      note.textContent = !shared ? SIMULATED[curve]
         : store.fit.excess > 1.5 ? `The points scatter ${Math.sqrt(store.fit.excess).toFixed(1)} times as far as their own sigma says, or the curve is another one; every ± is larger by that.`
         : shared.sigma_common > 0.7 * shared.sigma ? "Most of the ± is that of the scale: a longer ruler makes it smaller." : "";
     } catch (e) {

@@ -2,6 +2,7 @@
 import { attempt, changed, emit, film, load, on, picks, post, setPick, setValue, store, value } from "./store.js";
 import { button, element, pickNumber, place, row, take, valueChoice, valueNumber } from "./fields.js";
 import { axes } from "./handles.js";
+import { seek } from "./player.js";
 import { onDraw, onPick } from "./view.js";
 
 const box = document.getElementById("step-scale");
@@ -143,11 +144,17 @@ on("state section preview", () => {
 });
 
 // A click goes to the tool that is armed; without one, on the rod film, it is the ball.
-onPick((c, r) => {
+onPick((c, r, shift) => {
   const tool = store.tool;
+  if (store.section === "rod_video" && (tool?.key === "correct" || (shift && !tool))) { // as in Tracker: mark, and step on
+    store.draft.corrections[store.frame] = [c, r];
+    changed();
+    emit("track");
+    if (shift || store.stepOn) seek(store.frame + 1);
+    return;
+  }
   if (tool?.key === "markers") { take(null); setValue("params.track", "markers", [...others(), [c, r]]); return; }
   if (tool?.key === "origin") { take(null); setValue("rod_video", "origin", [c, r]); return; }
-  if (tool?.key === "correct") { store.draft.corrections[store.frame] = [c, r]; changed(); emit("track"); return; }
   if (!tool) { if (store.section === "rod_video" && ["scale", "find"].includes(store.step)) ballAt(c, r); return; }
   if (tool.key === "leave_out") {
     const all = (picks().leave_out ??= []);

@@ -108,7 +108,7 @@ for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (
   }
   if (!fingers.delete(e.pointerId) || end === "pointercancel" || moved > CLICK || fingers.size) return;
   const f = film(), [c, r] = toFilm(...at(e));
-  if (f && c > -1 && r > -1 && c < f.columns && r < f.rows) picked(...rounded(at(e)));
+  if (f && c > -1 && r > -1 && c < f.columns && r < f.rows) picked(...rounded(at(e)), e.shiftKey);
 });
 canvas.addEventListener("wheel", (e) => { e.preventDefault(); zoom(Math.exp(-e.deltaY / 400), at(e)); }, { passive: false });
 

@@ -77,7 +77,7 @@ def from_line(
     was seen. The one scale gives height and radius."""
     with open_pictures(section) as frames:
         view, picture = view_of(calibration, section, frames.shape), frames[0]
-    seen = laser_line(picture, saturation=saturation_of(picture, section.saturation))
+    seen = laser_line(picture, saturation=saturation_of(picture, section.saturation), contrast=p.contrast)
     lost = seen.flag != ""
     if lost.all():
         raise ValueError(f"{section.path}: {seen.flag[0]}; a bright line on a darker bed is needed")

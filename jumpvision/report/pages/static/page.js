@@ -22,7 +22,11 @@ class Chart {
     if (names.size > 1) for (const [name, s] of names) body.querySelector(".legend").append(this.button(name, s));
     body.append(table(spec));
     this.body = body;
-    new ResizeObserver(() => this.draw()).observe(body);
+    new ResizeObserver(() => { // of a height that its own drawing made: no
+      if (body.clientWidth === this.width) return;
+      this.width = body.clientWidth;
+      this.draw();
+    }).observe(body);
   }
 
   draw() { for (const p of this.panels) { p.draw(); if (p.cursor) p.show(null); } }
@@ -96,7 +100,10 @@ function table(spec) {
 }
 
 const charts = [...document.querySelectorAll("figure.chart")].map((figure) => new Chart(figure));
+const redraw = () => { for (const c of charts) c.draw(); };
 addEventListener("beforeprint", () => { // paper has no folds
   for (const fold of document.querySelectorAll("details.fold")) fold.open = true;
-  for (const c of charts) c.draw();
+  redraw();
 });
+// A canvas holds its colours: drawn anew for paper, and where the screen turns dark.
+for (const media of ["print", "(prefers-color-scheme: dark)"]) matchMedia(media).addEventListener("change", redraw);
