@@ -18,6 +18,19 @@ ROOT = Path(__file__).parents[1]
 SAMPLES = ROOT / "data_samples"
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection(session):
+    """In a fresh clone pytest writes the asserts of every test file anew, a quarter of a minute: of two workers each
+    writes half of them, as the second begins with the last file. Its errors are told when it is collected."""
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0")
+    if int(worker[2:]) % 2 and [Path(a) for a in session.config.args] == [ROOT / "tests"]:
+        for file in sorted((ROOT / "tests").glob("test_*.py"), reverse=True):
+            try:
+                importlib.import_module(file.stem)
+            except (Exception, pytest.skip.Exception):
+                sys.modules.pop(file.stem, None)
+
+
 def pytest_collection_finish():
     """What 3,000 tests import stays, and need not be looked through for garbage time and again."""
     gc.freeze()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import signal
@@ -11,6 +12,7 @@ import time
 from pathlib import Path
 
 import pytest
+from conftest import later
 from fault_lab import results_of, run_here, write_campaign
 
 from jumpvision.cli import main
@@ -22,17 +24,20 @@ needs_snakemake = pytest.mark.skipif(
 )
 
 
+def running_about(folder: Path) -> dict[int, bytes]:
+    """Processes that are called with something in the folder, by their calls."""
+    found = {}
+    for entry in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            call = (entry / "cmdline").read_bytes()
+            if bytes(folder) in call:
+                found[int(entry.name)] = call
+    return found
+
+
 def jobs_at_work(campaign: Path) -> list[int]:
     """Processes that are a `jumpvision run` of an experiment of this campaign."""
-    found = []
-    for entry in Path("/proc").glob("[0-9]*"):
-        try:
-            words = (entry / "cmdline").read_bytes().split(b"\0")
-        except OSError:
-            continue
-        if b"--no-report" in words and any(w.startswith(bytes(campaign)) for w in words):
-            found.append(int(entry.name))
-    return found
+    return [pid for pid, call in running_about(campaign).items() if b"--no-report" in call.split(b"\0")]
 
 
 @needs_snakemake
@@ -62,6 +67,31 @@ def test_a_worker_is_killed_and_nothing_is_lost(tmp_path):
     here, there = results_of(tmp_path / "here"), results_of(tmp_path / "there")
     for name in ("jump-0000/fits.json", "jump-0001/summary.json", "jump-0001/rod.csv", "jumps.csv"):
         assert there[name] == here[name], name
+
+
+@needs_snakemake
+@pytest.mark.parametrize("how", [signal.SIGKILL, *later(signal.SIGTERM, signal.SIGINT)])
+def test_what_is_killed_leaves_nothing_running(tmp_path, how):
+    """Neither Snakemake nor a job, and no job is begun any more; the same command then takes it up."""
+    campaign = write_campaign(tmp_path / "a campaign", 3)
+    call = [sys.executable, "-c", "import sys; from jumpvision.cli import main; sys.exit(main())", "run", campaign]
+    call += ["--results", tmp_path / "there", "--profile", "local", "--workers", "1", "--no-pictures"]
+    run = subprocess.Popen(list(map(str, call)), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        end = time.monotonic() + 120
+        while not jobs_at_work(campaign) and run.poll() is None and time.monotonic() < end:
+            time.sleep(0.02)
+        assert jobs_at_work(campaign)
+    finally:
+        run.send_signal(how)
+        run.wait()
+    end = time.monotonic() + 30
+    while (left := running_about(tmp_path)) and time.monotonic() < end:
+        time.sleep(0.1)
+    assert not left
+    assert len(list((tmp_path / "there" / ".workflow").glob("done/*"))) < 3
+    assert subprocess.run(list(map(str, call)), capture_output=True).returncode == 0
+    assert not (tmp_path / "there" / ".workflow").exists()
 
 
 def test_a_profile_that_is_not_there_is_refused(tmp_path, capsys, monkeypatch):

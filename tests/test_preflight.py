@@ -228,3 +228,16 @@ def test_check_and_run_lack_the_same_keys(given, tmp_path, capsys):
     ran = {x.partition("experiment.toml: ")[2] for x in capsys.readouterr().err.splitlines() if "missing; give" in x}
     assert code == (2 if checked else 0) and ran == checked
     assert bool(checked) == bool(given)
+
+
+def test_the_motors_push_is_filtered_as_scipy_would():
+    """To the last bit: the same substitution s = 2/T (z - 1)/(z + 1), without its polynomials as objects."""
+    from scipy.signal import bilinear, lfilter
+
+    from jumpvision.estimate.push import TICK, Pushed
+
+    x = np.sin(40.0 * TICK * np.arange(300)) ** 2
+    pushed = Pushed(TICK * np.arange(300), x, 0.83, 60.0, 0.1, 1e-3)
+    for w, damping in ((18.0, 0.0), (57.3, 0.02), (210.0, 1.7)):
+        b, a = bilinear([0.83, 0.0, 0.0], [1.0, 2.0 * damping * w, w * w], 1.0 / TICK)
+        assert np.array_equal(pushed.moved(w, damping), -lfilter(b, a, x - x[0]))

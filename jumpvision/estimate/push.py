@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from jumpvision.base.arrays import Array
 
 TICK = 5e-4  # s, of the motion that is filtered
+# s = 2/TICK (z - 1)/(z + 1), its factor shared by both; `scipy.signal.bilinear`, which does this, takes half of a fit
+UP, DOWN = np.array([1.0, 1.0]) / math.sqrt(2.0 / TICK), np.array([1.0, -1.0]) * math.sqrt(2.0 / TICK)
 FARTHEST = 0.08  # s by which clocks are tried to differ
 EXPLAINED = 0.1  # of the motion: a greater misfit, and it is not this motor that moves the rod
 
@@ -50,10 +52,11 @@ class Pushed:
 
     def moved(self, w: float, damping: float) -> Array:
         """Height of the rod (m,) [m]."""
-        from scipy.signal import bilinear, lfilter
+        from scipy.signal import lfilter
 
-        b, a = bilinear([self.share, 0.0, 0.0], [1.0, 2.0 * damping * w, w * w], 1.0 / TICK)
-        return np.asarray(-lfilter(b, a, self.x - self.x[0]))
+        b = self.share * np.convolve(DOWN, DOWN)
+        a = w * w * np.convolve(UP, UP) + np.convolve(2.0 * damping * w * UP, DOWN) + np.convolve(DOWN, DOWN)
+        return np.asarray(-lfilter(b / a[0], a / a[0], self.x - self.x[0]))
 
     def push(self, t: Array, h: Array) -> Push | None:
         """How a rod's height h (n,) [m] at t [s], from rest on, follows; None without a push or samples of it."""
@@ -67,9 +70,9 @@ class Pushed:
         for w in self.rate * np.array([0.3, 0.5, 0.7, 0.9, 1.1, 1.4, 2.0]):
             for damping in (0.02, 0.2, 0.6):
                 z = self.moved(w, damping)
-                off = [float(np.sqrt(np.mean((y - np.interp(ts - s, self.time, z)) ** 2))) for s in shifts]
+                off = np.sqrt(np.mean((y - np.interp(ts - shifts[:, None], self.time, z)) ** 2, axis=1))
                 k = int(np.argmin(off))
-                tried.append((off[k], w, damping, float(shifts[k]), off[shifts.size // 2]))
+                tried.append((float(off[k]), w, damping, float(shifts[k]), float(off[shifts.size // 2])))
 
         def residual(q: Array) -> Array:
             return np.asarray(y - np.interp(ts - q[2], self.time, self.moved(q[0], q[1])))

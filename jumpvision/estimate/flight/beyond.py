@@ -9,12 +9,15 @@ the response to w^2 (o + lag o'), o = (m_m/M) X_m.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
+
+KEPT = 16  # parts of edges that were just asked for
 
 
 @dataclass(frozen=True)
@@ -42,7 +45,7 @@ class Ring:
 def swing(u: Array, w: float, gamma: float) -> tuple[Array, Array]:
     """(from a displacement of 1, from a speed of 1 m/s), u (n,) [s] after the start, of x'' = -w^2 x - 2 gamma x'."""
     wd = math.sqrt(max(w * w - gamma * gamma, 1e-6 * w * w))
-    fall = np.exp(np.clip(-gamma * u, -50.0, 50.0))
+    fall = np.exp(np.minimum(np.maximum(-gamma * u, -50.0), 50.0))
     sine = fall * np.sin(wd * u) / wd
     return fall * np.cos(wd * u) + gamma * sine, sine
 
@@ -77,16 +80,22 @@ class Drive:
         wd = math.sqrt(max(w * w - gamma * gamma, 1e-6 * w * w))
         pull = w * w * (self.o - still) + 2.0 * gamma * self.rate
         turn = np.exp((gamma - 1j * wd) * self.t) * pull
-        since = self._integral(turn, u) - self._integral(turn, np.array([start]))
-        return np.asarray(np.imag(np.exp((1j * wd - gamma) * u) * since) / wd)
+        upto = self._integral(turn, np.append(u, start))
+        return np.asarray((np.exp((1j * wd - gamma) * u) * (upto[:-1] - upto[-1])).imag / wd)
+
+    @cached_property
+    def steps(self) -> Array:
+        """Between its times [s]."""
+        return np.diff(self.t)
 
     def _integral(self, y: Array, u: Array) -> Array:
         """Of y (n,) up to times u, straight between those of the grid: smooth where an edge passes them."""
-        steps, rise = np.diff(self.t), np.diff(y)
-        total = np.concatenate([[0.0], np.cumsum(steps * (y[:-1] + 0.5 * rise))])
-        k = np.clip(np.searchsorted(self.t, u, side="right") - 1, 0, steps.size - 1)
+        rise = y[1:] - y[:-1]
+        total = np.zeros_like(y)
+        np.cumsum(self.steps * (y[:-1] + 0.5 * rise), out=total[1:])
+        k = np.minimum(np.maximum(self.t.searchsorted(u, side="right") - 1, 0), self.steps.size - 1)
         h = u - self.t[k]
-        return np.asarray(total[k] + h * (y[k] + 0.5 * h * rise[k] / steps[k]))
+        return np.asarray(total[k] + h * (y[k] + 0.5 * h * rise[k] / self.steps[k]))
 
 
 def _smooth(x: Array, t: Array, y: Array) -> Array:
@@ -108,6 +117,7 @@ class Beyond:
     ring: Ring | None
     drive: Drive | None
     first: float
+    _known: dict[tuple[float, ...], tuple[NDArray[np.bool_], Array]] = field(default_factory=dict, compare=False)
 
     @property
     def tied(self) -> bool:
@@ -127,17 +137,40 @@ class Beyond:
             out[:, 3:] = self.ring.columns(self.tau - self.first)
         start = 0.0
         for edge, side, stiff in zip(where, self.edges, w):
-            beyond = side * (self.tau - edge) > 0.0
             if side < 0:
                 start = edge
-                stretch, speed, still = self._lifted(edge)
-                if self.tied:
-                    out[~beyond] = self._swinging(self.tau[~beyond] - edge, edge, stretch, speed, still)
-            else:
-                stretch, speed, still = self._landed(edge, start)
-                speed = speed + self._slope(edge)
-            out[beyond] = self._held(self.tau[beyond] - edge, edge, stiff, stretch, speed, still)
-            out[beyond] += (self._share() - 1.0) * stretch
+            key = side, edge, stiff, start
+            if key not in self._known:  # slopes of a fit move one edge at a time
+                if len(self._known) > KEPT:
+                    self._known.clear()
+                self._known[key] = self._at(*key)
+            rows, those = self._known[key]
+            out[rows] = those
+        return out
+
+    def _at(self, side: int, edge: float, stiff: float, start: float) -> tuple[NDArray[np.bool_], Array]:
+        """What an edge makes of the flight and of what is beyond it: (its rows, (m, 3 + free)). start: the lift-off."""
+        beyond = side * (self.tau - edge) > 0.0
+        if side < 0:
+            stretch, speed, still = self._lifted(edge)
+        else:
+            stretch, speed, still = self._landed(edge, start)
+            speed = speed + self._slope(edge)
+        held = self._held(self.tau[beyond] - edge, edge, stiff, stretch, speed, still)
+        held += (self._share() - 1.0) * stretch
+        if not (side < 0 and self.tied):
+            return beyond, held
+        out = np.empty((self.tau.size, 3 + self.free))
+        out[beyond] = held
+        out[~beyond] = self._swinging(self.tau[~beyond] - edge, edge, stretch, speed, still)
+        return np.ones_like(beyond), out
+
+    def pulled(self, edge: float, stiff: float) -> Array:
+        """What is added in any case, (n,), by the motor at an only edge without ring and damper."""
+        assert self.drive is not None
+        out = np.zeros(self.tau.size)
+        beyond = self.edges[0] * (self.tau - edge) > 0.0
+        out[beyond] = self.drive.response(self.tau[beyond] - edge + edge, edge, stiff, 0.0, self.drive.at(edge)[0])
         return out
 
     def _share(self) -> float:

@@ -101,7 +101,7 @@ def change_points(t: Array, y: Array, w: Array, allowed: float) -> Index:
     sums, origin = sums_between(t, y, w, np.append(starts, n)), t[starts]
     levels = [_curved(sums)]
     for _ in range(math.ceil(math.log2(max(starts.size, 1)))):
-        sums, origin = _pairs(sums, origin), origin[::2]
+        sums, origin = _pairs(sums, origin), origin[::2].copy()
         levels.append(_curved(sums))
     nodes = [np.array([0, n])]
     ask = np.array([0])

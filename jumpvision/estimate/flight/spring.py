@@ -290,7 +290,7 @@ def _start(
         y = base[use] - side * gravity * edge * speed - gravity * fall
         if drive is not None:
             alone = Beyond(tau[use], (side,), 0.0, None, drive, 0.0)
-            y -= [alone.added(e, v)[:, 2] for e, v in zip(edge, w)]
+            y -= [alone.pulled(e, v) for e, v in zip(edge[:, 0], w[:, 0])]
         y /= piece.sigma[use]
         columns /= piece.sigma[use, None]
         square, product = columns.swapaxes(1, 2) @ columns, (columns * y[..., None]).sum(axis=1)

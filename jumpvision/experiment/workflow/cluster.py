@@ -8,11 +8,11 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-import subprocess
 import sys
 from collections.abc import Mapping
 from pathlib import Path
 
+from jumpvision.base.leash import on_a_leash
 from jumpvision.base.schema import InputError
 from jumpvision.base.storage import write_aside
 from jumpvision.experiment.inputs.experiment import Campaign
@@ -29,8 +29,8 @@ def hand_over(
     """Run every experiment under Snakemake; the reasons, by name, of those that failed.
 
     profile: a name in pipelines/profiles or a folder with config.yaml. options: further options of each run. jobs: at a
-    time; None: as the profile says. frames: of the grain films, by experiment; a long one is matched by several jobs. A
-    handing over that was killed is taken up where it stood.
+    time; None: as the profile says. frames: of the grain films, by experiment; a long one is matched by several jobs.
+    Snakemake ends with this process, however that ends; a handing over that was killed is taken up where it stood.
     """
     program, folder = _snakemake(), _profile(profile)
     work = plan.results.absolute() / ".workflow"
@@ -43,7 +43,7 @@ def hand_over(
     films = {keys[name]: n for name, n in frames.items()}
     write_aside(work / "jobs.json", json.dumps({"calls": calls, "frames": films}))
     call = [program, "--snakefile", str(pipelines() / "Snakefile"), "--profile", str(folder), "--directory", str(work)]
-    ended = subprocess.run([*call, *RULES, *(["--jobs", str(jobs)] if jobs else [])], stdout=sys.stderr)
+    code = on_a_leash([*call, *RULES, *(["--jobs", str(jobs)] if jobs else [])], sys.stderr)
     reasons: dict[str, list[str]] = {}
     for name, key in keys.items():
         log = work / "log" / f"{key}.txt"
@@ -52,7 +52,7 @@ def hand_over(
         if said:
             reasons[name] = said
         elif not (work / "done" / key).exists():
-            reasons[name] = [f"{name}: its job did not end well (snakemake: exit code {ended.returncode}); run again"]
+            reasons[name] = [f"{name}: its job did not end well (snakemake: exit code {code}); run again"]
     shutil.rmtree(work)
     return reasons
 

@@ -142,7 +142,7 @@ def relax(p, box, skin, tolerance, rounds, partner):  # type: ignore[no-untyped-
     """
     n = len(p)
     start, f, v = np.empty(n + 1, np.int64), np.zeros((n, 2)), np.zeros((n, 2))
-    listed = p[:, :2] + 2.0 * skin
+    listed = np.full((n, 2), np.inf)  # where they were when neighbours were listed: not yet
     dt, mix, downhill, deepest = 0.1, 0.1, 0, np.inf
     for _ in range(rounds):
         moved = 0.0
@@ -153,7 +153,8 @@ def relax(p, box, skin, tolerance, rounds, partner):  # type: ignore[no-untyped-
             if count > len(partner):
                 partner = np.empty(2 * count, np.int64)
                 neighbours(p, n, skin, start, partner)
-            listed[:] = p[:, :2]
+            for i in range(n):  # an array put into another as a whole takes seconds to compile
+                listed[i, 0], listed[i, 1] = p[i, 0], p[i, 1]
         deepest = overlaps(p, start, partner, box, f)
         if deepest <= tolerance:
             break

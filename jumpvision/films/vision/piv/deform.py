@@ -45,10 +45,10 @@ def _half_way(first, last, top, ca, cb, wa, wb, clear_a, clear_b, frame, moved, 
     dx, dy, jump = np.empty(cols, np.float32), np.empty(cols, np.float32), np.zeros(cols, np.float32)
     jumps = len(moved.lines) > 2
     for j in range(first, last):
-        line(moved, 0, j, dx)
-        line(moved, 1, j, dy)
+        line(moved, np.int64(0), j, dx)  # as literals each would have it compiled once more
+        line(moved, np.int64(1), j, dy)
         if jumps:
-            line(moved, 2, j, jump)
+            line(moved, np.int64(2), j, jump)
         _read(ca, wa, clear_a, frame, dx, dy, -half, top + j, part, knot, grey[0], light[0])
         _read(cb, wb, clear_b, frame, dx, dy, half, top + j, part, knot, grey[1], light[1])
         for i in range(cols):

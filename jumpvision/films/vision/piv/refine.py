@@ -136,7 +136,7 @@ def refine(
             rows_of_planes = slice((band.own_top - band.top + 1) // 2, (band.own_bottom - band.top + 1) // 2)
             of_pixels = scatter(held or pictures(band), moved, places[::-1], rows_of_planes)
             spread, noise = np.empty((2, count, nx, 18))
-            of_two = g[grid.window // 2 % 2 :: 2]  # the planes hold every second pixel
+            of_two = np.ascontiguousarray(g[grid.window // 2 % 2 :: 2])  # the planes hold every second pixel
             halves = [q // 2 for q in places]
             moments_of(count, of_pixels.zz, *halves, of_two * of_two, OF_PLANES, spread)
             moments_of(count, of_pixels.ss, *halves, of_two, OF_PLANES, noise)

@@ -243,7 +243,7 @@ def within(of: Scatter, window: int, at: tuple[NDArray[np.intp], NDArray[np.intp
     """
     x, y = at
     fine = taper(round(PART * window))
-    g = fine[len(fine) // 2 % 2 :: 2]
+    g = np.ascontiguousarray(fine[len(fine) // 2 % 2 :: 2])
     least = rounding * float((fine**2).sum() / fine.sum()) ** 2
     force, spread = np.empty((len(y), len(x), 5)), np.empty((len(y), len(x), 3))
     sums_of(len(y), np.concatenate([of.force, of.texture]), x, y, g, force)

@@ -9,7 +9,7 @@ import numpy as np
 
 from jumpvision.base.threads import shared
 
-from .moments import FIRST, GX, GXM, GXR, GXX, GXY, GY, GYM, GYR, GYY, MM, MR, ONE, RR, M, R
+from .moments import FIRST, GX, GXM, GXR, GXX, GY, GYM, GYR, MM, MR, ONE, RR, M, R
 
 N = 8  # unknowns: d_x, u_x, u_y, d_y, v_x, v_y, offset and gain of the grey
 STEPPED, FLAT, COVERED = range(3)
@@ -65,14 +65,16 @@ def _inverse(low, root, inverse):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True)
-def _block(h, sums, first, c, d, sign):  # type: ignore[no-untyped-def]
-    """Add sign * sum of a product of two gradients to the block (c, d) of the normal matrix."""
-    for i in range(3):
-        for j in range(3):
-            value = sign * sums[first + PAIR[i, j]]
-            h[3 * c + i, 3 * d + j] += value
-            if c != d:
-                h[3 * d + j, 3 * c + i] += value
+def _blocks(h, sums, sign):  # type: ignore[no-untyped-def]
+    """Add sign * the sums (18,) of x x, x y and y y of two gradients to their blocks of the normal matrix."""
+    for block in range(3):
+        c, d, first = block // 2, (block + 1) // 2, 6 * block
+        for i in range(3):
+            for j in range(3):
+                value = sign * sums[first + PAIR[i, j]]
+                h[3 * c + i, 3 * d + j] += value
+                if c != d:
+                    h[3 * d + j, 3 * c + i] += value
 
 
 @shared()
@@ -121,9 +123,7 @@ def _step(s, full, texture, h, low, q, b):  # type: ignore[no-untyped-def]
 @nb.njit(cache=True)
 def normal(s, h):  # type: ignore[no-untyped-def]
     """Normal matrix of the eight unknowns."""
-    _block(h, s, FIRST[GXX], 0, 0, 1.0)
-    _block(h, s, FIRST[GXY], 0, 1, 1.0)
-    _block(h, s, FIRST[GYY], 1, 1, 1.0)
+    _blocks(h, s[FIRST[GXX] :], 1.0)
     for i in range(3):
         h[i, 6] = h[6, i] = s[FIRST[GX] + i]
         h[3 + i, 6] = h[6, 3 + i] = s[FIRST[GY] + i]
@@ -147,9 +147,7 @@ def covariances(first, last, sums, noise, scatter, certain, least, sigma):  # ty
     for k in range(first, last):
         h[:] = 0.0
         normal(sums[k], h)
-        _block(h, noise[k], 0, 0, 0, -0.25)
-        _block(h, noise[k], 6, 0, 1, -0.25)
-        _block(h, noise[k], 12, 1, 1, -0.25)
+        _blocks(h, noise[k], -0.25)
         if not _factor(h, low):
             if not certain[k]:
                 sigma[k] = np.nan
@@ -159,9 +157,7 @@ def covariances(first, last, sums, noise, scatter, certain, least, sigma):  # ty
             _factor(h, low)
         _inverse(low, root, t)
         z[:] = 0.0
-        _block(z, scatter[k], 0, 0, 0, 1.0)
-        _block(z, scatter[k], 6, 0, 1, 1.0)
-        _block(z, scatter[k], 12, 1, 1, 1.0)
+        _blocks(z, scatter[k], 1.0)
         for i in range(6):
             var = 0.0
             for p in range(6):
