@@ -184,11 +184,9 @@ def established(search: Search) -> Key:
         if key not in fits:
             return frozenset()
         left = left_of(search.problem, fits[key], search.test(key).score)
-        own = {
-            m: min(f.chi2 for k, f in fits.items() if m not in k and len(k) <= len(key)) - fits[key].chi2 for m in key
-        }
-        weakest = min(own, key=lambda m: own[m])
-        if left < ESTABLISHED * own[weakest]:
+        without = {m: min(f.chi2 for k, f in fits.items() if m not in k and len(k) <= len(key)) for m in key}
+        weakest = min(without, key=lambda m: without[m])
+        if left < ESTABLISHED * (without[weakest] - fits[key].chi2):
             return key
         search.without(key)
         key = key - {weakest}

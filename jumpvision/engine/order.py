@@ -167,8 +167,7 @@ class Order:
         return order.beyond(found)
 
     def _as_repeats_tell(self, d: Findings) -> Findings | None:
-        """What was looked at, adequate with a number that scatters as repeats say, or explained by what these take for
-        noise; None where there is neither."""
+        """What was looked at, with what repeats take for noise: a number that scatters, or its cause; or None."""
         if not (self._may_vary and any(self.problem.scattered.values())):
             return None
         from .vary import explain
@@ -192,9 +191,8 @@ class Order:
         if min((a.chi2 for a in quick.apart), default=math.inf) < self.problem.n + FIFTH * excess:
             return None
         self.say(f"trying {len(self.problem.system.candidates)} mechanisms")
-        found = self.name(d)
-        assert found.naming is not None
-        return found if found.naming.status == Status.COMPLETE and self._steady(found) else None
+        n = (found := self.name(d)).naming
+        return found if n and n.status == Status.COMPLETE and self._steady(found) else None
 
     def _varying(self, d: Findings) -> Findings:
         """A third look: a number that varies from recording to recording by so little that chi^2 does not show it."""
@@ -337,8 +335,7 @@ class Order:
         if s is None or s.detection.discrepant or (base := explain.without_causes(s, found.baseline, rng)) is None:
             return None
         order, more = self._named_about(found, base, s.baseline)
-        complete = more.naming and more.naming.status == Status.COMPLETE
-        return (order, more) if complete else None
+        return (order, more) if more.naming and more.naming.status == Status.COMPLETE else None
 
     def _named_about(self, d: Findings, s: Scattered, beside: Fit | None = None) -> tuple[Order, Findings]:
         """What is named where a number scatters."""

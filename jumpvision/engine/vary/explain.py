@@ -132,12 +132,8 @@ def scattered(problem: Problem, seen: Screen, base: Fit, least: float, rng: np.r
         return None
     system = problem.system
     assert isinstance(system, Varying)
-    with_it = Problem(
-        system.scattered(s.variable.name, s.apart.change),
-        problem.noise,
-        {**problem.scattered, s.variable.name: s.value},
-        problem.measured,
-    )
+    sizes = {**problem.scattered, s.variable.name: s.value}
+    with_it = Problem(system.scattered(s.variable.name, s.apart.change), problem.noise, sizes, problem.measured)
     fit = with_it.fit(base.mechanisms, s.apart.named)  # about which the changes were fitted
     return None if fit is None else Scattered(with_it, fit, detect(with_it, fit, directions(with_it, fit), rng), s)
 
@@ -154,19 +150,17 @@ def in_full(problem: Problem, base: Fit, rng: np.random.Generator) -> Scattered 
     """What differs from trial to trial, as the repeats tell, with every recording's own value of it: about one value
     for all it is linear only in what is small beside the noise. None where no such model is adequate. Where a pattern
     explains those values better, as of one odd recording, the problem without scatter: it is no noise."""
-    every, scattered_as = variables(problem.system), getattr(problem.system, "scattered_as", {})
+    every, known_as = variables(problem.system), getattr(problem.system, "scattered_as", {})
     for name in (n for n, s in problem.scattered.items() if s > 0.0):
         rest = {n: s for n, s in problem.scattered.items() if n != name}
         bare = Problem(problem.system, problem.noise, rest, problem.measured)
         fit = bare.fit(base.mechanisms, base.named)
-        number = every.get(scattered_as.get(name, name))
+        number = every.get(known_as.get(name, name))
         found = None if fit is None or number is None else apart(bare, fit, number)
         if fit is None or found is None or (s := scatter(found)) is None:
             continue
-        ordered = max(
-            (weigh(p, found).log_evidence for p in patterns(found, problem.system.observations)), default=-math.inf
-        )
-        if ordered > s.log_evidence + WORTH:
+        ordered = [weigh(p, found).log_evidence for p in patterns(found, problem.system.observations)]
+        if max(ordered, default=-math.inf) > s.log_evidence + WORTH:
             return Problem(problem.system, problem.noise, {}, problem.measured)
         seen = Screen((found,), (), (s,), 0.0, fit.chi2)
         if (best := scattered(bare, seen, fit, 0.0, rng)) is not None and not best.detection.discrepant:
