@@ -192,6 +192,7 @@ def test_what_repeats_tell_scatters_is_said_where_the_model_is_adequate():
     assert found.varies[0].parameter == OFFSET and found.varies[0].low < MS10 * t.scatter < found.varies[0].high
 
 
+@pytest.mark.long
 def test_one_odd_jump_among_repeats_is_no_scatter():
     """One of 24 driven by 0.36 % too much, its trial beside it: the noise of the repeats holds it."""
     t = truth(10, 7001)
