@@ -12,7 +12,7 @@ from jumpvision.engine.detect import detect, directions
 from jumpvision.engine.discovery import Laws
 from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.order import Order, fit_baseline, silent
-from jumpvision.engine.worth.gain import searched
+from jumpvision.engine.worth.gain import Choose
 from jumpvision.jumper.question.discovered import JumperForms
 from jumpvision.jumper.question.forms import Shaped
 from jumpvision.jumper.question.jumper import Jumper
@@ -69,12 +69,15 @@ def ours(task: Task) -> Answer:
     problem = Problem(system, learned.noise, learned.scatter)
     folds: list[Fold] = []
 
-    def keep(part: Problem, base: Fit, rng: np.random.Generator) -> Fit:
-        folds.append((part, base, searched(part, base, rng)))
-        return folds[-1][2]
+    def kept(choose: Choose) -> Choose:
+        def chosen(part: Problem, base: Fit, rng: np.random.Generator) -> Fit:
+            folds.append((part, base, choose(part, base, rng)))
+            return folds[-1][2]
+
+        return chosen
 
     laws = lambda p: Laws(p, JumperForms(p.system), silent)  # noqa: E731
-    found = Order(problem, rng, by=("kind",), stops=stops, laws=laws, shapes=Shaped, choose=keep).all()
+    found = Order(problem, rng, by=("kind",), stops=stops, laws=laws, shapes=Shaped, choosing=kept).all()
     d, law = diagnosis_of(found, learned), found.law
     chances = {c.mechanism: c.probability for c in d.causes}
     intervals = {n: (p.low, p.high) for c in d.causes if c.mechanism in d.named for n, p in c.parameters.items()}

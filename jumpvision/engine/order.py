@@ -21,7 +21,7 @@ from .detect import Cell, Detectable, Detection, detect, detectable, directions,
 from .fitting import Fit, Problem
 from .naming import Naming, name
 from .system import Costly, Parameter, patterns_of
-from .worth.gain import Begin, Choose, Gain, among, begun_at, gain
+from .worth.gain import Choose, Gain, among, begun_at, gain
 
 if TYPE_CHECKING:  # imported where they are asked for: most questions end before
     from .discovery import Law, Laws
@@ -35,6 +35,7 @@ NEIGHBOURS = ("kind", "volume_fraction", "delay", "frequency")  # labels that or
 HALVED = 4.0  # of chi^2, where the error is halved
 FIFTH = 0.2  # of the misfit: the values of a number that is at fault leave less, linearly
 FEWEST = 4  # recordings among which one can be odd
+SCATTERED = 20  # sets that are fitted anew with one value in all of what scatters
 ALONE = 2  # single mechanisms beside which what varies is asked for anew
 SURE = 0.003  # chance below which a pattern over recordings counts where the other looks see nothing
 SEED, LAW_SEED, VARY_SEED = 1, 2, 3  # of the look at generic forces, of the folds that judge a law, of what varies
@@ -90,13 +91,17 @@ def silent(_: object) -> None:
     """Says nothing."""
 
 
+def as_it_is(choose: Choose) -> Choose:
+    return choose
+
+
 @dataclass(frozen=True)
 class Order:
     """The steps of a questioning. What is handed over besides the problem:
 
     by: labels of the observations to report by; None: where the misfit lies is not asked. stops: time after which each
     observation's apex counts [s]. laws: makes the search for a law of no list. shapes: makes generic forces.
-    offered: experiments that could be made. choose: in place of the search over mechanisms where a gain is judged. say:
+    offered: experiments that could be made. choosing: of how a fold, where a gain is judged, chooses its model. say:
     is told what is being done. reached: is given what is found so far, for whoever may have to stop.
     """
 
@@ -107,7 +112,7 @@ class Order:
     laws: Callable[[Problem], Laws] | None = None
     shapes: Callable[[Any], Shapes] | None = None
     offered: Offer | None = None
-    choose: Choose | None = None
+    choosing: Callable[[Choose], Choose] = as_it_is
     say: Say = silent
     reached: Callable[[Findings], None] = silent
 
@@ -412,22 +417,24 @@ class Order:
         return [float(o.t[0]) for o in self.problem.system.observations]
 
     def _gain(self, d: Findings) -> Gain | None:
-        """Of the law with its form as it was found; else by the vocabulary, searched anew in every fold."""
+        """Of the law with its form as it was found; else by the vocabulary, chosen anew in every fold."""
         problem = self.problem
         if patterns_of(problem.system):
             from .vary.explain import only
 
             problem = only(problem, d.naming.named if d.naming else ())
+        assert d.naming is not None
+        base, tried = d.baseline, d.naming.tried
         if d.varies and d.varies.scatter:
             from .vary.explain import at_common
 
-            problem = at_common(problem)
+            problem = at_common(problem)  # of which the fits are others
+            base = problem.fit(base.mechanisms, base.named) or base
+            some = ((e, problem.fit(e.mechanisms, e.fit.named)) for e in tried[:SCATTERED])
+            tried = tuple(replace(e, fit=f) for e, f in some if f is not None)
         if d.law is None:
-            begin: Begin = fit_baseline
-            choose = self.choose
-            if isinstance(problem.system, Costly) and d.naming and choose is None:
-                begin, choose = begun_at(d.baseline), among(d.naming.tried)
-            found = gain(problem, begin, self._times, self.rng, NEIGHBOURS, choose)
+            choose = self.choosing(among(tried))
+            found = gain(problem, begun_at(base), self._times, self.rng, NEIGHBOURS, choose)
         else:
             whole, rng = problem.asked_of(d.law.system), np.random.default_rng(LAW_SEED)
             found = gain(whole, fit_baseline, self._times, rng, NEIGHBOURS, d.law.fitted_anew)

@@ -26,7 +26,8 @@ FEW = 8  # conditions that the first lap goes over
 BEHIND, CLOSE = 3.0, 50.0  # a fit goes on while its chi^2 is less than this many laps, or this much, behind the best
 WORTH = 0.1  # share of the excess of chi^2 that a mechanism whose runs are dear must take to be tried alone
 NEAR = 2.0  # chi^2 per degree of freedom up to which a fit that fails the test may only have stopped short
-LEADING, FIRST = 8, 3  # sets that go on after the first lap, in a quick search; beside all that are CLOSE to the best
+ROUTES = 3  # best sets of each size that are built upon
+LEADING = 8  # sets that go on after the first lap, beside all that are CLOSE to the best
 
 Start = tuple[tuple[str, ...], dict[str, float]]
 Key = frozenset[str]
@@ -46,15 +47,11 @@ def log_prior(chosen: Collection[str], candidates: Mapping[str, Candidate]) -> f
 class Search:
     """Sets of mechanisms that were fitted, and the tests of those that were looked at.
 
-    fits: the best fit of every set; tests: of its residuals. quick: one route, no exchanges, and of single mechanisms
-    only those that the residuals ask for.
+    fits: the best fit of every set; tests: of its residuals.
     """
 
-    def __init__(
-        self, problem: Problem, base: Fit, found: Detection, rng: np.random.Generator, *, quick: bool = False
-    ) -> None:
+    def __init__(self, problem: Problem, base: Fit, found: Detection, rng: np.random.Generator) -> None:
         self.problem, self.base, self.rng = problem, base, rng
-        self.quick, self.routes = quick, 1 if quick else 3  # best sets of each size are built upon
         self.fits: dict[Key, Fit] = {frozenset(): base}
         self.tests: dict[Key, Detection] = {frozenset(): found}
 
@@ -65,9 +62,6 @@ class Search:
         """
         candidates = self.problem.system.candidates
         found, asked = self.tests[frozenset()], list(candidates)
-        if self.quick:
-            top = sorted(zip(map(abs, found.score), (d.mechanism for d in found.directions)), reverse=True)
-            asked = list(dict.fromkeys(m for _, m in top if not candidates[m].dear))[:4]  # that a quick search tries
         asked = [m for m in asked if not candidates[m].dear or self.asks_for(m)]
         begun = self.problem.each(partial(starts, self.problem, self.base, found, m) for m in asked)
         self.race([s for some in begun for s in some])
@@ -134,17 +128,17 @@ class Search:
 
     # -- what is tried ---------------------------------------------------------------------------------------------
     def race(self, tried: Sequence[Start]) -> None:
-        for fit in race(self.problem, tried, FIRST if self.quick else LEADING):
+        for fit in race(self.problem, tried, LEADING):
             self.keep(fit)
 
     def settled(self, size: int) -> bool:
         """Whether a set of this size passes, mechanisms of the best one having been exchanged for others."""
         for _ in range(3):  # rounds in which one mechanism of the best set is put in place of another
             best = self.ranked(size)[0]
-            if any(not self.test(k).discrepant for k in self.ranked(size)[: self.routes]):
+            if any(not self.test(k).discrepant for k in self.ranked(size)[:ROUTES]):
                 self.without(self.passing()[0])
                 return True
-            if size == 1 or self.quick:
+            if size == 1:
                 return False
             smaller = self.without(best)
             self.race([s for k in smaller for s in self.extended(k, 1, ONES)])
@@ -170,9 +164,9 @@ class Search:
 
     def forward(self, size: int) -> Iterator[Start]:
         """Sets of one size: the best smaller ones extended by one, those smaller still by two, and kin."""
-        for key in self.ranked(size - 1)[: self.routes]:
+        for key in self.ranked(size - 1)[:ROUTES]:
             yield from self.extended(key, 1, ONES)
-        for key in self.ranked(size - 2)[: max(self.routes - 1, 1)]:
+        for key in self.ranked(size - 2)[: ROUTES - 1]:
             yield from self.extended(key, 2, TWOS)
         candidates = self.problem.system.candidates
         for key in self.ranked(size - 2)[:1]:

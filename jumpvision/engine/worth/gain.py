@@ -13,16 +13,15 @@ import numpy as np
 import scipy
 
 from jumpvision.base.arrays import Array
-from jumpvision.engine.detect import detect, directions
-from jumpvision.engine.fitting import Fit, Problem
-from jumpvision.engine.search import Search, log_prior
-from jumpvision.engine.system import Observation, Part, by_condition
+from jumpvision.engine.fitting import ITERATIONS, Fit, Problem
+from jumpvision.engine.search import log_prior
+from jumpvision.engine.system import Costly, Observation, Part, by_condition
 
 if TYPE_CHECKING:
     from jumpvision.engine.naming import Explanation
 
 FOLDS = 4
-FEW_LAPS = 2  # of the fit of a fold, from that of all recordings
+FEW_LAPS = 2  # of the fit of a fold where runs are dear
 LEVEL = 1.05  # errors that are as good: noise makes so much of an rms of 200 independent readings
 PARTS = 4  # at least: fewer conditions than these are held out in pieces
 FEW_GROUPS = 3  # groups below which an interval is not stated
@@ -60,14 +59,13 @@ def gain(
     begin: Begin,
     stops: Sequence[float],
     rng: np.random.Generator,
-    order: Sequence[str] = (),
-    choose: Choose | None = None,
+    order: Sequence[str],
+    choose: Choose,
 ) -> Gain | None:
     """Gain over all conditions, a block of them held out at a time; None when there is but one condition.
 
-    Without the held-out ones everything is done anew: the baseline fitted from its own values, mechanisms searched for
-    (one route), the likeliest set taken. stops: (observations,) time from which a height counts [s]. order: labels by
-    which conditions are neighbours; neighbours are held out together. choose: in place of the search.
+    Without the held-out ones the baseline is fitted anew and a model chosen anew. stops: (observations,) time from
+    which a height counts [s]. order: labels by which conditions are neighbours; neighbours are held out together.
     """
     observations = problem.system.observations
     place = {o.condition: [_place(o.labels.get(n)) for n in order] for o in observations}
@@ -83,7 +81,7 @@ def gain(
             base = begin(part, rng)
         except ValueError:
             return None
-        best = (choose or searched)(part, base, rng)
+        best = choose(part, base, rng)
         return best.mechanisms, errors(problem, base, best, held, stops)
 
     found = problem.each(partial(without, fold, own) for fold, own in zip(folds, rng.spawn(len(folds))))
@@ -97,11 +95,9 @@ def gain(
     return summed(problem, rows, tuple(chosen.most_common()))
 
 
-def searched(problem: Problem, base: Fit, rng: np.random.Generator) -> Fit:
-    """The set of mechanisms that one route of the search ends with."""
-    search = Search(problem, base, detect(problem, base, directions(problem, base), rng), rng, quick=True)
-    search.run()
-    return search.fits[next(iter(search.passing()), max(search.fits, key=search.log_probability))]
+def laps(part: Problem) -> int:
+    """Of the fit of a fold, from that of all recordings."""
+    return FEW_LAPS if isinstance(part.system, Costly) else ITERATIONS
 
 
 def begun_at(base: Fit) -> Begin:
@@ -109,7 +105,7 @@ def begun_at(base: Fit) -> Begin:
 
     def begin(part: Problem, _: np.random.Generator) -> Fit:
         assert isinstance(part.system, Part)
-        found = part.fit(base.mechanisms, onward=base.over(part.system.kept), iterations=FEW_LAPS)
+        found = part.fit(base.mechanisms, onward=base.over(part.system.kept), iterations=laps(part))
         if found is None:
             raise ValueError("the baseline cannot be followed")
         return found
@@ -130,7 +126,7 @@ def among(tried: Sequence[Explanation]) -> Choose:
         best = max(likely, key=lambda x: x[0])[1]
         if not best.mechanisms:
             return base
-        return part.fit(best.mechanisms, onward=best, iterations=FEW_LAPS) or base
+        return part.fit(best.mechanisms, onward=best, iterations=laps(part)) or base
 
     return choose
 
