@@ -430,7 +430,8 @@ class Order:
 
             problem = at_common(problem)  # of which the fits are others
             base = problem.fit(base.mechanisms, base.named) or base
-            some = ((e, problem.fit(e.mechanisms, e.fit.named)) for e in tried[:SCATTERED])
+            known = [e for e in tried if set(e.mechanisms) <= set(problem.system.candidates)][:SCATTERED]
+            some = ((e, problem.fit(e.mechanisms, e.fit.named)) for e in known)
             tried = tuple(replace(e, fit=f) for e, f in some if f is not None)
         if d.law is None:
             choose = self.choosing(among(tried))
