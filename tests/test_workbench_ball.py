@@ -18,6 +18,7 @@ from test_workbench import Page, asked, falling, hard, in_time, served, until  #
 from jumpvision.base.schema import InputError
 from jumpvision.browser.workbench.bench import Benches
 from jumpvision.browser.workbench.draft import draft_of
+from jumpvision.browser.workbench.following import Following
 from jumpvision.browser.workbench.plotting import Part
 from jumpvision.cli import main
 
@@ -512,3 +513,32 @@ def test_a_study_that_fails_or_fits_no_ball_says_so(tmp_path, served):  # noqa: 
         assert status == 400 and says in answer["problems"][0], (name, answer)
     plain = served(tmp_path / "ball" / "drop.npy")
     assert asked(plain, "/api/study", {"draft": {}})[0] == 400 and asked(plain, "/api/state")[1]["study"] == ""
+
+
+def test_a_track_is_stopped_corrected_and_gone_on_with(opened, monkeypatch):
+    """By the button, with the pointer: the frame that was put by hand keeps its place when the rest is tracked."""
+    p, slow = opened, Following._progress
+
+    def told(self, *said):
+        time.sleep(0.05)
+        slow(self, *said)
+
+    monkeypatch.setattr(Following, "_progress", told)
+    p.type_into("Frame rate [1/s]", "250")
+    p.click("#act")
+    p.until("workbench.store.track.rows.length > 3")
+    p.page.get_by_role("button", name="Stop", exact=True).filter(visible=True).click()
+    p.until("!workbench.store.track.running")
+    assert 3 < p.get("workbench.store.track.rows.length") < 48 and not p.get("workbench.store.track.finished")
+    p.page.keyboard.press("Home")
+    p.until("workbench.player.shown === 0")
+    p.page.keyboard.down("Shift")
+    p.page.mouse.click(*p.at(92.0, 31.0))
+    p.page.keyboard.up("Shift")
+    p.until("workbench.store.frame === 1")  # marked, and stepped on
+    monkeypatch.undo()
+    p.click("#track")
+    p.until("workbench.store.track.finished && !workbench.store.track.running")
+    rows = p.get("workbench.store.track.rows")
+    assert len(rows) == 48 and p.draft["corrections"].keys() == {"0"}
+    assert p.draft["corrections"]["0"] == pytest.approx([92.0, 31.0], abs=0.6)
