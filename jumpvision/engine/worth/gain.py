@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from jumpvision.engine.naming import Explanation
 
 FOLDS = 4
+BEST = 5  # sets, by evidence linear about their fits, that are fitted to a fold
+CLEARLY = math.log(10.0)  # odds of ten, strong in the words of Jeffreys (1961)
 FEW_LAPS = 2  # of the fit of a fold where runs are dear
 LEVEL = 1.05  # errors that are as good: noise makes so much of an rms of 200 independent readings
 PARTS = 4  # at least: fewer conditions than these are held out in pieces
@@ -114,19 +116,19 @@ def begun_at(base: Fit) -> Begin:
 
 
 def among(tried: Sequence[Explanation]) -> Choose:
-    """Of the sets that were fitted to all recordings, the likeliest of a fold: by its evidence linear about each fit,
-    the best then fitted. Alternative functions, which no residual can ask for, are among them."""
+    """Of the sets that were fitted to all recordings, the likeliest of a fold: the best by evidence linear about each
+    fit are fitted, and of those about as likely the smallest is taken. Alternative functions, which no residual can ask
+    for, are among them."""
 
     def choose(part: Problem, base: Fit, _: np.random.Generator) -> Fit:
         assert isinstance(part.system, Part)
         known = part.system.candidates
         fits = [e.fit.over(part.system.kept) for e in tried if e.mechanisms and set(e.mechanisms) <= set(known)]
         likely = [(part.evidence_near(f) + log_prior(f.mechanisms, known), f) for f in fits]
-        likely.append((base.log_evidence + log_prior((), known), base))
-        best = max(likely, key=lambda x: x[0])[1]
-        if not best.mechanisms:
-            return base
-        return part.fit(best.mechanisms, onward=best, iterations=laps(part)) or base
+        order = sorted(likely, key=lambda x: -x[0])[: 1 if isinstance(part.system, Costly) else BEST]
+        found = [part.fit(f.mechanisms, onward=f, iterations=laps(part)) for _, f in order if f.mechanisms]
+        level = {f.log_evidence + log_prior(f.mechanisms, known): f for f in (base, *found) if f}
+        return min((f for x, f in level.items() if x > max(level) - CLEARLY), key=lambda f: len(f.mechanisms))
 
     return choose
 
