@@ -91,10 +91,6 @@ def silent(_: object) -> None:
     """Says nothing."""
 
 
-def as_it_is(choose: Choose) -> Choose:
-    return choose
-
-
 @dataclass(frozen=True)
 class Order:
     """The steps of a questioning. What is handed over besides the problem:
@@ -112,7 +108,7 @@ class Order:
     laws: Callable[[Problem], Laws] | None = None
     shapes: Callable[[Any], Shapes] | None = None
     offered: Offer | None = None
-    choosing: Callable[[Choose], Choose] = as_it_is
+    choosing: Callable[[Choose], Choose] = lambda choose: choose
     say: Say = silent
     reached: Callable[[Findings], None] = silent
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 FOLDS = 4
 BEST = 5  # sets, by evidence linear about their fits, that are fitted to a fold
+FAR = 30.0  # nats behind the best: linear about a fit, none so far behind comes first
 CLEARLY = math.log(10.0)  # odds of ten, strong in the words of Jeffreys (1961)
 FEW_LAPS = 2  # of the fit of a fold where runs are dear
 LEVEL = 1.05  # errors that are as good: noise makes so much of an rms of 200 independent readings
@@ -126,7 +127,8 @@ def among(tried: Sequence[Explanation]) -> Choose:
         fits = [e.fit.over(part.system.kept) for e in tried if e.mechanisms and set(e.mechanisms) <= set(known)]
         likely = [(part.evidence_near(f) + log_prior(f.mechanisms, known), f) for f in fits]
         order = sorted(likely, key=lambda x: -x[0])[: 1 if isinstance(part.system, Costly) else BEST]
-        found = [part.fit(f.mechanisms, onward=f, iterations=laps(part)) for _, f in order if f.mechanisms]
+        near = [f for x, f in order if x > order[0][0] - FAR]
+        found = [part.fit(f.mechanisms, onward=f, iterations=laps(part)) for f in near]
         level = {f.log_evidence + log_prior(f.mechanisms, known): f for f in (base, *found) if f}
         return min((f for x, f in level.items() if x > max(level) - CLEARLY), key=lambda f: len(f.mechanisms))
 
