@@ -419,17 +419,18 @@ class Order:
             from .vary.explain import only
 
             problem = only(problem, d.naming.named if d.naming else ())
-        assert d.naming is not None
-        base, tried = d.baseline, d.naming.tried
         if d.varies and d.varies.scatter:
             from .vary.explain import at_common
 
-            problem = at_common(problem)  # of which the fits are others
-            base = problem.fit(base.mechanisms, base.named) or base
-            known = [e for e in tried if set(e.mechanisms) <= set(problem.system.candidates)][:SCATTERED]
-            some = ((e, problem.fit(e.mechanisms, e.fit.named)) for e in known)
-            tried = tuple(replace(e, fit=f) for e, f in some if f is not None)
+            problem = at_common(problem)
         if d.law is None:
+            assert d.naming is not None
+            base, tried = d.baseline, d.naming.tried
+            if d.varies and d.varies.scatter:  # the fits are of other residuals
+                base = problem.fit(base.mechanisms, base.named) or base
+                known = [e for e in tried if set(e.mechanisms) <= set(problem.system.candidates)][:SCATTERED]
+                some = ((e, problem.fit(e.mechanisms, e.fit.named)) for e in known)
+                tried = tuple(replace(e, fit=f) for e, f in some if f is not None)
             choose = self.choosing(among(tried))
             found = gain(problem, begun_at(base), self._times, self.rng, NEIGHBOURS, choose)
         else:
