@@ -67,7 +67,7 @@ class SceneSum:
         self._greys.append(grey)
 
     @property
-    def known(self) -> bool:
+    def covered(self) -> bool:
         """Whether every pixel has been seen often enough."""
         return self._views >= LEAST_VIEWS and int(self._hidden.max()) <= self._views - LEAST_VIEWS
 

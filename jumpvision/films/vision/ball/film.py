@@ -29,6 +29,7 @@ LEARNED = 60, 1000  # frames that the scene is learned from: the fewer where it 
 KEPT = 2**25  # bytes of the first LEARNED frames, kept whole for their last fit; of each kind of samples
 SAMPLES = 16  # frames of each kind
 MEMORY = 2**28  # bytes of windows kept; frames beyond are read again
+AS_CERTAIN = 1.05  # times the first's median sigma, up to which a second track is taken
 WORTHWHILE = 500  # frames from which on a frame's whole measurement is compiled code's: fewer are done sooner without
 BLOCK = 16  # windows that are measured together without the scene
 FLYING = "no plain disc that moves was found: followed is what is round and flies farthest, as a picture"
@@ -129,7 +130,7 @@ class FilmTracker:
             return
         if not any(f.flag for f in found) and found[0].p is not None:
             self._scene.add(image, [(f.x, f.y, f.diameter + _streak(f)) for f in found], float(found[0].p[A]))
-        if i + 1 >= LEARNED[1] or (i + 1 >= LEARNED[0] and self._scene.known):
+        if i + 1 >= LEARNED[1] or (i + 1 >= LEARNED[0] and self._scene.covered):
             self._learning, self._behind = False, self._scene.background()
 
     def finish(self, frames: Frames) -> list[BallTrack]:
@@ -166,7 +167,7 @@ class FilmTracker:
         second = [as_track(list(f)) for f in zip(*found, strict=True)]
         if len(second) == 1 and not self.settings.streak:  # a sticker's remains, where the ball has left
             second = [without_still_objects(second[0], frames, self.settings)]
-        better = [_better(a, b) for a, b in zip(first, second, strict=True)]
+        better = [_merged(a, b) for a, b in zip(first, second, strict=True)]
         return self._refined(better) if len(frames) <= LEARNED[0] or better[0] is not first[0] else better
 
     def _flying(self, track: BallTrack, head: Head) -> BallTrack | None:
@@ -281,15 +282,15 @@ def _stride(i: int) -> int:
     return 1 << max(0, int(math.log2(max(i, 1) / VIEWS)) + 1 if i >= VIEWS else 0)
 
 
-def _better(first: BallTrack, again: BallTrack) -> BallTrack:
+def _merged(first: BallTrack, again: BallTrack) -> BallTrack:
     """A second track where it is about as certain in the first frames (what the scene pulls stands in no sigma of the
     first), with the first's rows where it loses more of these; else the first."""
     look = slice(0, HEAD)
-    if not np.nanmedian(again.sigma[look]) <= 1.05 * np.nanmedian(first.sigma[look]):
+    if not np.nanmedian(again.sigma[look]) <= AS_CERTAIN * np.nanmedian(first.sigma[look]):
         return first
     if np.count_nonzero(again.flag[look] != "") <= np.count_nonzero(first.flag[look] != ""):
         return again
     lost = again.flag != ""
     rows = {f.name: (getattr(first, f.name), getattr(again, f.name)) for f in fields(first) if f.name != "notes"}
-    known = {k: np.where(lost, a, b) for k, (a, b) in rows.items() if a is not None and b is not None}
-    return replace(again, **known)
+    both = {k: np.where(lost, a, b) for k, (a, b) in rows.items() if a is not None and b is not None}
+    return replace(again, **both)

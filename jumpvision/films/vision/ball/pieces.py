@@ -24,6 +24,7 @@ SHORT, DRIFT = 15, 5.0  # rows, px: a piece that is no longer and drifts less st
 SHARP, MOST = (0.5, 4.0), 20  # diameters and medians off a parabola that are asked about; the first of a film
 SAME = 0.5  # diameters: found again where it was lost
 OTHER_GREY, OTHER_SIZE, SCATTER = 0.05, 0.08, 6.0  # of contrast, of the diameter; standard deviations
+SHADED = 4.0  # times these: a hand's shade changes a ball's grey by some tenth of the contrast
 STRAY = 0.25  # of what a row is off: so well its neighbours agree
 OFF = "doubt: off the way of its neighbours by {:.0f} px"
 ALONE = "doubt: no neighbour within reach"
@@ -89,8 +90,7 @@ class _Way:
         moves = self.pieces[0].size > 1 and self._reach_in_head(0) > DRIFT
         if first and main:
             apart = any(self._beside(self.pieces[0], self.pieces[k]) is not None for k in {1, main})
-            # a hand's shade changes its grey by some tenth of the contrast
-            if moves or apart or self._looks(main).other(self.pieces[0], 4.0):
+            if moves or apart or self._looks(main).other(self.pieces[0], SHADED):
                 main = 0
         self._look = self._looks(main)
         return main

@@ -97,7 +97,7 @@ def _moving(track: BallTrack, frames: Frames, head: Head, settings: BallSettings
 
 
 def _doubted(track: BallTrack, frames: Frames, head: Head, settings: BallSettings, d: float) -> BallTrack:
-    """A track that stands still, flagged where something moves elsewhere; a click is believed, and the doubt told."""
+    """A track that stands still, flagged where something moves elsewhere; a click is believed, and the doubt said."""
     good = track.flag == ""
     place = float(np.median(track.x[good])), float(np.median(track.y[good]))
     fit = ball_at(View.of(np.asarray(frames[int(np.flatnonzero(good)[0])])), *place, d, settings.polarity)
@@ -172,13 +172,13 @@ def without_still_objects(track: BallTrack, frames: Frames, settings: BallSettin
     flag = track.flag.astype(object)
     early, late = [], []
     for rows in _places(track, good, PLACE * d):
-        told = rows[rows <= first[-1]]
-        if told.size >= STAYS:
-            early.append((rows, told))
+        judged = rows[rows <= first[-1]]
+        if judged.size >= STAYS:
+            early.append((rows, judged))
         elif rows.size >= STAYS:  # what the head does not tell changes nothing in it
             late.append((rows[rows > first[-1]], rows[:STAYS]))
-    for rows, told in [*sorted(early, key=lambda g: -g[1].size)[:5], *late]:
-        frame = _without_ball(track, kept, settings.polarity, first, told, d)
+    for rows, judged in [*sorted(early, key=lambda g: -g[1].size)[:5], *late]:
+        frame = _without_ball(track, kept, settings.polarity, first, judged, d)
         if frame is not None:
             flag[rows] = STANDS.format(frame, track.x[frame], track.y[frame])
     return without(track, flag) if (flag != track.flag).any() else track
@@ -195,11 +195,11 @@ def _places(track: BallTrack, good: NDArray[np.int64], reach: float) -> list[NDA
 
 
 def _without_ball(
-    track: BallTrack, kept: AtHand, polarity: str, first: NDArray[np.int64], told: NDArray[np.int64], d: float
+    track: BallTrack, kept: AtHand, polarity: str, first: NDArray[np.int64], judged: NDArray[np.int64], d: float
 ) -> int | None:
-    """A frame of the head in which the same as in the rows told is seen at their place, and the ball elsewhere; None
+    """A frame of the head in which the same as in the rows `judged` is seen at their place, the ball elsewhere; None
     where another frame shows something else there."""
-    x, y = float(np.median(track.x[told])), float(np.median(track.y[told]))
+    x, y = float(np.median(track.x[judged])), float(np.median(track.y[judged]))
     away = first[np.hypot(track.x[first] - x, track.y[first] - y) > 1.2 * d]
     at_hand = away[np.isin(away, list(kept.whole))]
     away = at_hand if at_hand.size >= ASKED else away
@@ -211,7 +211,7 @@ def _without_ball(
         if there is None:
             return None
         if here is None:
-            nearest = int(told[np.argmin(np.hypot(track.x[told] - x, track.y[told] - y))])
+            nearest = int(judged[np.argmin(np.hypot(track.x[judged] - x, track.y[judged] - y))])
             here = ball_at(kept.view(nearest), x, y, d, polarity)
         if here is None or not _same_object(here, there):
             return None

@@ -316,10 +316,10 @@ def laid(forcing: Forcing | Loop, stop: float) -> Laid:
 class Tracks:
     """Jumps with these forcings, motors that stop at these times [s] and outputs at these times (n_i,) [s]."""
 
-    def __init__(self, forcings: Sequence[Forcing | Loop], stops: Sequence[float], times: Sequence[Array]) -> None:
-        self._lay([laid(f, s) for f, s in zip(forcings, stops)], stops, times)
-
-    def _lay(self, each: Sequence[Laid], stops: Sequence[float], times: Sequence[Array]) -> None:
+    def __init__(
+        self, forcings: Sequence[Forcing | Loop | Laid], stops: Sequence[float], times: Sequence[Array]
+    ) -> None:
+        each = [f if isinstance(f, Laid) else laid(f, s) for f, s in zip(forcings, stops)]
         self.forcings = [x.forcing for x in each]
         self.played: dict[tuple[int, tuple[Hashable, ...]], Laid] = {}  # by jump and drive
         wide = max(x.rows.shape[1] for x in each)  # a loop's rows have its gain behind
@@ -371,8 +371,7 @@ class Tracks:
             a: known[a] if a in known else laid(played(m, self.forcings[a[0]]), stop)
             for (a, m), stop in zip(each.items(), stops)
         }
-        out = object.__new__(Tracks)
-        out._lay(list(motions.values()), stops, [self.t[self.places[i]] for i, _ in each])
+        out = Tracks(list(motions.values()), stops, [self.t[self.places[i]] for i, _ in each])
         out.about[["time", "time_end"]] = self.about[["time", "time_end"]][[i for i, _ in each]]
         number = {a: k for k, a in enumerate(each)}
         self.played = motions if len(known) > MOST_PLAYED else {**known, **motions}
