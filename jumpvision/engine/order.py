@@ -74,6 +74,10 @@ class Findings:
         return not self.detection.discrepant
 
     @property
+    def complete(self) -> bool:
+        return self.naming is not None and self.naming.status == Status.COMPLETE
+
+    @property
     def named_fit(self) -> Fit:
         """The fit of the named mechanisms, else the baseline."""
         return self.naming.best.fit if self.naming and self.naming.named else self.baseline
@@ -158,9 +162,9 @@ class Order:
             found = order._decided(d, found, wide)
         if found.adequate or (found.varies and (found.varies.aside or found.varies.scatter)):
             return found
-        if found.naming and wide is not None and not (found.naming.status == Status.COMPLETE and order._steady(found)):
+        if found.naming and wide is not None and not (found.complete and order._steady(found)):
             order, found = order._again(found, wide)
-        if apart and found.naming and found.naming.status != Status.COMPLETE:
+        if apart and found.naming and not found.complete:
             found = self._but_a_few(d, apart) or found
             if found.varies and found.varies.aside:
                 return found
@@ -178,12 +182,11 @@ class Order:
             return None if s is None else self._scattering(d, s)
         order = replace(self, problem=s)
         found = order.explain(order.look())
-        named = (found.naming and found.naming.status == Status.COMPLETE) or (found.varies and found.varies.aside)
-        return replace(found, problem=found.problem or s) if named else None
+        good = found.complete or (found.varies and found.varies.aside)
+        return replace(found, problem=found.problem or s) if good else None
 
     def _by_forces(self, d: Findings) -> Findings | None:
-        """Mechanisms that explain all, where one value a recording of no number comes near that; None where that is not
-        so, and what varies is to be asked as well."""
+        """Mechanisms that explain all, where one value a recording of no number comes near that; else None."""
         if not self._may_vary or isinstance(self.problem.system, Costly):
             return None
         from .vary.screen import screen
@@ -192,8 +195,8 @@ class Order:
         if min((a.chi2 for a in quick.apart), default=math.inf) < self.problem.n + FIFTH * excess:
             return None
         self.say(f"trying {len(self.problem.system.candidates)} mechanisms")
-        n = (found := self.name(d)).naming
-        return found if n and n.status == Status.COMPLETE and self._steady(found) else None
+        found = self.name(d)
+        return found if found.complete and self._steady(found) else None
 
     def _varying(self, d: Findings) -> Findings:
         """A third look: a number that varies from recording to recording by so little that chi^2 does not show it."""
@@ -231,14 +234,13 @@ class Order:
 
         rng, problem, naming = np.random.default_rng(VARY_SEED), self.problem, found.naming
         assert naming is not None
-        complete = naming.status == Status.COMPLETE
-        gained = explain.gained(problem, naming.best.fit, d.baseline) if complete else 0.0
+        gained = explain.gained(problem, naming.best.fit, d.baseline) if found.complete else 0.0
         s = explain.scattered(problem, wide.screen, d.baseline, gained, rng)
         if s is not None and not s.detection.discrepant:
             return self._scattering(d, s)
-        if s is not None and not complete and s.detection.p_value >= SURE:
+        if s is not None and not found.complete and s.detection.p_value >= SURE:
             return self._named_about(d, s)[1]  # scatter takes all but what chance may
-        if complete or wide.odd is None:
+        if found.complete or wide.odd is None:
             return replace(found, varies=explain.named(problem, naming))
         return self._without(d, wide.odd)
 
@@ -284,8 +286,7 @@ class Order:
         self.say("testing all recordings but those that differ")
         part, rest = self._others(apart)
         found = rest if rest.adequate else part.explain(rest)
-        complete = found.adequate or (found.naming and found.naming.status == Status.COMPLETE)
-        if not complete or (found.varies and found.varies.aside):
+        if not (found.adequate or found.complete) or (found.varies and found.varies.aside):
             return None
         few = about(self.problem, found.problem or part.problem, found.best, apart)
         return self._beside(d, found, part, few)
@@ -320,7 +321,7 @@ class Order:
                 more = order.name(replace(found, naming=None, problem=order.problem), about)
                 assert more.naming is not None
                 known = order, replace(more, varies=explain.named(order.problem, more.naming))
-                if more.naming.status == Status.COMPLETE:
+                if more.complete:
                     return known
                 partly = known if about is naming.best.fit and more.naming.status == Status.PARTIAL else None
             if (better := self._scatter_beside(found, wide, about) or partly) is not None:
@@ -336,7 +337,7 @@ class Order:
         if s is None or s.detection.discrepant or (base := explain.without_causes(s, found.baseline, rng)) is None:
             return None
         order, more = self._named_about(found, base, s.baseline)
-        return (order, more) if more.naming and more.naming.status == Status.COMPLETE else None
+        return (order, more) if more.complete else None
 
     def _named_about(self, d: Findings, s: Scattered, beside: Fit | None = None) -> tuple[Order, Findings]:
         """What is named where a number scatters."""
@@ -361,7 +362,7 @@ class Order:
         """What is named, with what describes the rest: a law of no list, else generic forces; nothing where nothing is
         left, or where no cause is likelier than chance."""
         n = d.naming
-        if n is None or n.status == Status.COMPLETE or n.by_chance or (d.varies and d.varies.aside):
+        if n is None or d.complete or n.by_chance or (d.varies and d.varies.aside):
             return d
         law = self._laws.law(d.baseline, n) if self._laws else None
         if law and n.named and n.best.fit.chi2 < HALVED * law.fit.chi2:

@@ -334,7 +334,8 @@ class Benches:
         path = folder_of(path)
         if study:
             outside(study, path if path.is_dir() else path.parent)
-        self.study, self._own = study, None  # type: str, tuple[Motion, Fitted] | None
+        self.study = study
+        self._own: tuple[Motion, Fitted] | None = None
         if not path.exists():
             raise InputError([f"{path}: does not exist; give a film, an experiment's folder or a folder of those"])
         self.only = "" if path.is_dir() else path.name
