@@ -5,7 +5,7 @@ the page lacks comes at the end of its part. The words around the tables stay: r
 `pip install -e '.[bench]'`; a peer that is not installed is left out and said so. All: about 20 minutes on two cores.
 
 `python -m benchmarks.run --quick` prints what has a peer instead, with the machine, the versions and R: the time of
-2e7 turns of an empty loop, in whose units times of two machines may be compared.
+2e7 turns of an empty loop, in whose units times of two machines may be compared. About 10 minutes.
 """
 
 from __future__ import annotations

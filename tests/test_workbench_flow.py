@@ -628,7 +628,7 @@ def test_the_crater_s_threshold_and_radius_are_moved_by_hand_and_written(tmp_pat
     h.page.keyboard.press("t")
     h.until("workbench.store.bed")
     assert h.get("workbench.store.bed.lost") == pytest.approx(40, abs=4) and "cm³" in h.page.inner_text("#volume")
-    level = h.page.get_by_label("Least contrast of the line, of the typical one")
+    level = h.page.get_by_label("Least contrast of the line (share of the typical)")
     box = level.bounding_box()
     h.page.mouse.move(box["x"] + 0.2 * box["width"], box["y"] + box["height"] / 2)
     h.page.mouse.down()

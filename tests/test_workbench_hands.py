@@ -166,7 +166,7 @@ def test_fingers_measure_track_zoom_and_fit(size, tmp_path, served, browser):  #
     # a mark by a finger, and the next frame
     p.tap("#tab-check")
     p.tap("[data-tool=correct]")
-    p.page.get_by_label("Each click steps on one frame").check()
+    p.page.get_by_label("After a click: next frame").check()
     frame = p.get("workbench.store.frame")
     p.tap("#back")
     p.tap_film(*truth[frame - 1] + 0.5)

@@ -18,7 +18,7 @@ stepOn.addEventListener("change", () => { store.stepOn = stepOn.checked; });
 const list = element("ul", { className: "list" }), logs = element("div", {});
 check.append(element("div", { className: "ball-only" }, element("h2", { textContent: "Is it right?" }), counts,
   element("div", { className: "buttons" }, button("‹ Previous lost", () => problem(-1)), button("Next lost ›", () => problem(1)), fix),
-  row("Each click steps on one frame", stepOn), row("Ball in this frame", typed), why, element("h3", { textContent: "Corrected by hand" }), list),
+  row("After a click: next frame", stepOn), row("Ball in this frame", typed), why, element("h3", { textContent: "Corrected by hand" }), list),
   element("h3", { textContent: "Logs on the film's clock" }), logs);
 
 on("state track frame draft tool", () => {

@@ -22,7 +22,7 @@ const surface = element("p", { id: "surface", data: { "aria-live": "polite" } })
 const level = valueNumber("params.bed", "threshold", "Grains are darker than [grey levels]", { min: 0, max: 255, step: 1, usual: 128 });
 const bed = element("div", {}, valueChoice("params.bed", "method", "Surface by", [["edge", "edges"], ["threshold", "a threshold"]], "edge"), level.made, element("div", { className: "buttons" }, button("Find the surface", () => find(), "main")), surface, packing);
 const line = element("p", { data: { "aria-live": "polite" } }), volume = element("p", { id: "volume" });
-const crater = element("div", {}, slider("params.crater", "contrast", "Least contrast of the line, of the typical one", { min: 0, max: 1, step: 0.02 }, 0.2),
+const crater = element("div", {}, slider("params.crater", "contrast", "Least contrast of the line (share of the typical)", { min: 0, max: 1, step: 0.02 }, 0.2),
   valueNumber("params.crater", "radius", "Undisturbed beyond [mm]", { factor: 1000 }).made,
   element("div", { className: "buttons" }, button("Find the line", () => find(), "main")), line, volume);
 const sections = { rod_video: rod, grain_video: panel, bed_image: bed, crater_image: crater };
