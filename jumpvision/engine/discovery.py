@@ -7,9 +7,10 @@ arguments could explain stands beside it (`ceiling`).
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -85,6 +86,10 @@ class Library(Protocol):
 
     @property
     def forms(self) -> Sequence[str]: ...
+    def rivals(self, named: Sequence[str]) -> Mapping[tuple[str, ...], Sequence[str]]:
+        """Forms for which some of the named mechanisms may pass, by what is named beside them."""
+        ...
+
     def law(self, found: Discovery, problem: Problem) -> Law:
         """What was found under its own name, with what it can do. problem: without the forms."""
         ...
@@ -125,6 +130,26 @@ class Laws:
         good = [x for x in tried if x]
         best = max(good, key=lambda x: (not x.detection.discrepant, held_out_score(self.whole, x.fit)), default=None)
         return self.library.law(best, self.problem) if best else None
+
+    def rival(self, base: Fit, n: Naming) -> tuple[Law, Naming] | None:
+        """A law that predicts what is held out better than the listed cause which passes the test in its place, and
+        what is named beside it; None where there is none. A scale hides most of what a bent perspective shows."""
+        whole, named, rests = self.whole, n.best.fit, self.library.rivals(n.named)
+        tried = race(whole, [((*rest, f), named.named) for rest, forms in rests.items() for f in forms])
+        least = held_out_score(whole, named) + SURE
+        better = [(f, s) for f in tried if (s := held_out_score(whole, f)) > least]
+        for fit, score in sorted(better, key=lambda x: -x[1]):
+            listed = directions(whole, fit, _listed(whole, self.library.forms))
+            test = detect(whole, fit, listed, np.random.default_rng(SEED))
+            rest = next((e for e in n.tried if e.mechanisms == fit.mechanisms[:-1]), None)
+            if test.discrepant or rest is None:
+                continue
+            r2, form = explained(self.problem, base, fit.chi2), fit.mechanisms[-1]
+            found = Discovery(form, rest.fit, fit, r2, {form: 1.0}, (), test, score - least + SURE)
+            status, best = (Status.PARTIAL, rest) if rest.mechanisms else (Status.UNDETERMINED, n.best)
+            less = replace(n, named=rest.mechanisms, status=status, best=best, twins=(), suffices=math.exp(-SURE))
+            return self.library.law(found, self.problem), less
+        return None
 
     def _ask(self, base: Fit) -> None:
         self.asked, self.found = True, self._beside(base, base)

@@ -196,7 +196,7 @@ class Order:
             return None
         self.say(f"trying {len(self.problem.system.candidates)} mechanisms")
         found = self.name(d)
-        return found if found.complete and self._steady(found) else None
+        return self.beyond(found) if found.complete and self._steady(found) else None
 
     def _varying(self, d: Findings) -> Findings:
         """A third look: a number that varies from recording to recording by so little that chi^2 does not show it."""
@@ -362,8 +362,15 @@ class Order:
         """What is named, with what describes the rest: a law of no list, else generic forces; nothing where nothing is
         left, or where no cause is likelier than chance."""
         n = d.naming
-        if n is None or d.complete or n.by_chance or (d.varies and d.varies.aside):
+        if n is None or n.by_chance or (d.varies and d.varies.aside):
             return d
+        if d.complete:
+            asked = self._laws is not None and not (d.varies and d.varies.scatter)
+            other = self._laws.rival(d.baseline, n) if self._laws and asked else None
+            if other is None:
+                return d
+            varies = d.varies if set(other[1].named) & set(patterns_of(self.problem.system)) else None
+            return replace(d, law=other[0], naming=other[1], varies=varies)
         law = self._laws.law(d.baseline, n) if self._laws else None
         if law and n.named and n.best.fit.chi2 < HALVED * law.fit.chi2:
             law = None  # beside named causes a law of no list that leaves nearly as much explains nothing

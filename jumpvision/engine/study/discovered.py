@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 from jumpvision.engine.discovery import Discovery, Law
 from jumpvision.engine.document import values as record
@@ -19,6 +20,9 @@ class StudyForms:
     def __init__(self, system: Studied) -> None:
         self.system, self.library = system, {m.name: (form, m) for form, m in system.study.forms}
         self.whole, self.forms = with_laws(system, *(m for _, m in self.library.values())), list(self.library)
+
+    def rivals(self, named: Sequence[str]) -> dict[tuple[str, ...], list[str]]:
+        return {}
 
     def law(self, found: Discovery, problem: Problem) -> Law:
         """What was found, beside the study's own mechanisms."""

@@ -48,7 +48,7 @@ _MOTOR = {
     "X_c": ("m", "its command"),
     "V_c": ("m/s", "rate of its command"),
 }
-_HEIGHT = {"h": ("m", "height of the rod above its rest")}
+_HEIGHT = {"h": ("m", "height of the rod above its rest"), "h_rate": ("m/s", "its rate, as the frames have it")}
 _FORCE_OF_BED = {"a": ("m/s^2", "acceleration of the foot, positive up")}
 
 Symbols = Mapping[str, tuple[str, str]]

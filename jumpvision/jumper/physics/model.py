@@ -146,7 +146,9 @@ class Model:
 
     def filmed(self, height: Array, t: Array) -> Array:
         """Heights above rest (n,) [m] as a camera reports them in the frames stamped t (n,) [s]."""
-        return sum((self.force(m, h=height, time_s=t) for m in self.acting(Body.HEIGHT)), height)
+        laws = self.acting(Body.HEIGHT)
+        rate = _rate(height, t) if any("h_rate" in m.asked for m in laws) else None
+        return sum((self.force(m, h=height, h_rate=rate, time_s=t) for m in laws), height)
 
     @property
     def rates(self) -> list[Expression]:
@@ -278,6 +280,13 @@ ROBOT = tuple(f.name for f in dataclasses.fields(Model) if f.name not in ("groun
 @functools.lru_cache(1024)  # asked for dozens of times a simulation
 def _acting(terms: tuple[str, ...], bodies: tuple[Body, ...]) -> tuple[Mechanism, ...]:
     return tuple(m for t in terms if (m := MECHANISMS.get(t)) and m.acts_on in bodies)
+
+
+def _rate(height: Array, t: Array) -> Array:
+    """Rate [m/s] of heights (n,) [m] in frames at t (n,) [s], of one film or of several, each after the other."""
+    films = np.split(np.arange(t.size), np.flatnonzero(np.diff(t) <= 0.0) + 1)
+    rates = [np.gradient(height[f], t[f]) if f.size > 1 else np.zeros(f.size) for f in films]
+    return np.concatenate(rates)
 
 
 def _range_problems(record: Any, where: str, names: Iterable[str]) -> Iterable[str]:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from jumpvision.engine.discovery import Discovery, Law, ceiling
 from jumpvision.engine.document import values as record
 from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.jumper.mechanisms.own import acts_on, bare, mechanism, own_name, parameter
-from jumpvision.jumper.mechanisms.record import Mechanism
+from jumpvision.jumper.mechanisms.record import Body, Mechanism
 from jumpvision.jumper.physics.passivity import POSITIONS, RATES, is_passive
 
 from .forms import forms, seen_by
@@ -18,6 +18,7 @@ from .jumper import Jumper
 
 NAME = "discovered_1"
 BUMPS = 5  # of the force surface, along each argument
+FILM, RAIL = (Body.HEIGHT, Body.TIME), (Body.RAIL, Body.CARRIAGE)
 Range = tuple[float, float]
 
 
@@ -35,6 +36,17 @@ class JumperForms:
     def __init__(self, system: Jumper) -> None:
         self.system, self.library = system, forms(system.model)
         self.whole, self.forms = system.considering(list(self.library.values())), list(self.library)
+
+    def rivals(self, named: Sequence[str]) -> dict[tuple[str, ...], list[str]]:
+        """Forms on the film and the rail in the place of what is named there (of two on the rail and more), by what
+        they leave named; those on the film in the place of two causes and more."""
+        body = {m.name: m.acts_on for m in self.library.values()}
+        body |= {n: self.system.model.mechanism(n).acts_on for n in named if n not in self.system.patterns}
+        film, rail = ([n for n in self.library if body[n] in b] for b in (FILM, RAIL))
+        seen, slowed = ({n for n in named if body.get(n) in b} for b in (FILM, RAIL))
+        gone = [({n}, film) for n in seen] + [(seen, film)] * bool(seen)
+        gone += [(slowed, rail)] * (len(slowed) > 1) + [(set(named), film)] * (len(named) > 1)
+        return {tuple(n for n in named if n not in out): forms for out, forms in gone}
 
     def law(self, found: Discovery, problem: Problem) -> JumperLaw:
         """The law under its own name, fitted again from where it was, with what it can do."""

@@ -159,7 +159,7 @@ def arguments(motion: Motion, body: Body) -> dict[str, Array]:
             "stretch": motion.rod - motion.foot,
             "stretch_rate": motion.rod_velocity - motion.foot_velocity,
         },
-        Body.HEIGHT: {"h": motion.rod - motion.rest},
+        Body.HEIGHT: {"h": motion.rod - motion.rest, "h_rate": motion.rod_velocity},
         Body.MOTOR: {"X": motion.motor - motion.rod},
         Body.TIME: {"time_s": t},
     }
