@@ -256,7 +256,7 @@ def test_an_archive_is_read_and_left_alone(work):
 # ---- what is in the files --------------------------------------------------------------------------------------------
 
 ROWS = {  # what is done to the lines of a log: what the message says
-    "NaN": (lambda r: [*r[:9], "0.04,nan", *r[10:]], "finite number"),
+    "NaN": (lambda r: [*r[:9], "0.08,nan", *r[10:]], "finite number"),
     "duplicated": (lambda r: [*r[:9], r[8], *r[9:]], "repeats"),
     "goes back": (lambda r: [*r[:9], r[3], *r[9:]], "goes back"),
     "negative sigma": (lambda r: [r[0] + ",sigma_m", *(f"{t},-1e-5" for t in r[1:])], "above 0 m"),
