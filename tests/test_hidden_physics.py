@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from benchmarks.diagnosis import jumps_of
 from benchmarks.hidden_physics.__main__ import outcome
@@ -52,3 +53,18 @@ def test_answers_are_judged_by_what_they_claim():
     }
     assert {k: outcome(*v) for k, v in said.items()} == {k: k for k in said}
     assert outcome(Answer(False), outside) == outcome(Answer(True), replace(two, hidden=())) == "right"
+
+
+@pytest.mark.parametrize(("number", "form"), [(117, "abs(h / h_0)**n"), (125, "h / h_0 * h_rate")])
+def test_a_fault_of_the_camera_that_a_listed_one_hides_is_not_named_as_it(number, form):
+    """A bent perspective passes the test as a scale, rows that are read one by one as a delay (campaign 21)."""
+    setting, recorded = made(truth(number), 21)
+    answer = ours(Task(*jumps_of(setting, recorded)))
+    assert answer.named == () and form in answer.described[0]
+
+
+def test_a_true_scale_is_named_beside_a_bent_perspective_that_could_be_it():
+    rng = np.random.default_rng(9)
+    setting = draw(rng, ground="hard", hidden=("camera_scale",), nuisance=Nuisance(2e-4, 0.0, 0.0), jumps="few")
+    answer = ours(Task(*jumps_of(setting, campaign(setting, rng))))
+    assert answer.named == ("camera_scale",) and answer.described == ()

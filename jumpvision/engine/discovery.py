@@ -11,7 +11,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from .document.values import Discovered, Status
 from .fitting import Fit, Problem
 from .naming import Naming, held_out_score
 from .search import FEW, Search, Start, race, some, start_of
-from .system import System
+from .system import System, patterns_of
 
 ROUNDS = ((3, 16), (5, 7))  # iterations of a fit in each of them, and forms that go on
 LEVEL = 2.0  # of log likelihood: forms that predict alike; the simpler is taken
@@ -131,25 +131,27 @@ class Laws:
         best = max(good, key=lambda x: (not x.detection.discrepant, held_out_score(self.whole, x.fit)), default=None)
         return self.library.law(best, self.problem) if best else None
 
-    def rival(self, base: Fit, n: Naming) -> tuple[Law, Naming] | None:
-        """A law that predicts what is held out better than the listed cause which passes the test in its place, and
-        what is named beside it; None where there is none. A scale hides most of what a bent perspective shows."""
-        whole, named, rests = self.whole, n.best.fit, self.library.rivals(n.named)
-        tried = race(whole, [((*rest, f), named.named) for rest, forms in rests.items() for f in forms])
-        least = held_out_score(whole, named) + SURE
-        better = [(f, s) for f in tried if (s := held_out_score(whole, f)) > least]
-        for fit, score in sorted(better, key=lambda x: -x[1]):
+    def rival(self, base: Fit, n: Naming) -> dict[str, Any]:
+        """What changes of the findings where a law, in the place of listed causes that pass the test, predicts better
+        what is held out; else nothing. A scale hides most of what a bent perspective shows."""
+        whole, named = self.whole, n.best.fit
+        rests = self.library.rivals(n.named).items()
+        tried = race(whole, [((*rest, form), named.named) for rest, forms in rests for form in forms])
+        limit = held_out_score(whole, named)
+        better = [(f, s - limit) for f in tried if (s := held_out_score(whole, f)) > limit + SURE]
+        for fit, gained in sorted(better, key=lambda x: -x[1]):
             listed = directions(whole, fit, _listed(whole, self.library.forms))
             test = detect(whole, fit, listed, np.random.default_rng(SEED))
             rest = next((e for e in n.tried if e.mechanisms == fit.mechanisms[:-1]), None)
             if test.discrepant or rest is None:
                 continue
-            r2, form = explained(self.problem, base, fit.chi2), fit.mechanisms[-1]
-            found = Discovery(form, rest.fit, fit, r2, {form: 1.0}, (), test, score - least + SURE)
+            form, r2 = fit.mechanisms[-1], explained(self.problem, base, fit.chi2)
+            found = Discovery(form, rest.fit, fit, r2, {form: 1.0}, (), test, gained)
             status, best = (Status.PARTIAL, rest) if rest.mechanisms else (Status.UNDETERMINED, n.best)
-            less = replace(n, named=rest.mechanisms, status=status, best=best, twins=(), suffices=math.exp(-SURE))
-            return self.library.law(found, self.problem), less
-        return None
+            less = replace(n, named=rest.mechanisms, status=status, best=best, twins=(), suffices=math.exp(-gained))
+            gone = {} if set(less.named) & set(patterns_of(self.problem.system)) else {"varies": None}
+            return {"law": self.library.law(found, self.problem), "naming": less, **gone}
+        return {}
 
     def _ask(self, base: Fit) -> None:
         self.asked, self.found = True, self._beside(base, base)
@@ -183,22 +185,14 @@ def discover(
     top = max(s for _, s in better)
     level = [(f, s) for f, s in better if s >= top - LEVEL]
     best, score = min(level, key=lambda x: (at_end(x[0]), len(x[0].parameters), -x[1]))
-    level = [(f, s) for f, s in level if f is not best]
+    rivals = tuple(f.mechanisms[-1] for f, _ in level if f is not best)
     best = problem.polished(best, about=False)  # a fit that stopped short in a valley has neither value nor sigma
     r2 = explained(problem, base, best.chi2)
     test = detect(problem, best, directions(problem, best, _listed(problem, forms)), rng)
     if r2 < ENOUGH and test.discrepant:  # what passes leaves noise alone, a large share of a small misfit
         return None
-    return Discovery(
-        best.mechanisms[-1],
-        fit,
-        best,
-        r2,
-        wins(problem, [f for f, _ in better], rng, TOLD),
-        tuple(f.mechanisms[-1] for f, _ in level),
-        test,
-        score - limit,
-    )
+    stability = wins(problem, [f for f, _ in better], rng, TOLD)
+    return Discovery(best.mechanisms[-1], fit, best, r2, stability, rivals, test, score - limit)
 
 
 def at_end(fit: Fit) -> bool:

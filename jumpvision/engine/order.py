@@ -140,12 +140,10 @@ class Order:
 
     def explain(self, d: Findings) -> Findings:
         """What was looked at, with what explains it where the model is wrong."""
-        if d.adequate:
-            d = self._varying(d)
+        d = self._varying(d) if d.adequate else d
         if d.adequate:
             return self._as_repeats_tell(d) or d
         self.reached(d)
-        tried = len(self.problem.system.candidates)
         self.say(f"discrepant (p = {d.detection.p_value:.2g}): looking for numbers that vary")
         if (found := self._as_repeats_tell(d) or self._by_forces(d)) is not None:
             return found
@@ -156,7 +154,7 @@ class Order:
         if apart and (few := self._mistaken(d, apart)) is not None:
             return few
         order = self if wide is None else replace(self, problem=wide.problem)
-        self.say(f"trying {tried} mechanisms")
+        self.say(f"trying {len(self.problem.system.candidates)} mechanisms")
         found = order.name(replace(d, problem=order.problem))
         if wide is not None:
             found = order._decided(d, found, wide)
@@ -365,12 +363,8 @@ class Order:
         if n is None or n.by_chance or (d.varies and d.varies.aside):
             return d
         if d.complete:
-            asked = self._laws is not None and not (d.varies and d.varies.scatter)
-            other = self._laws.rival(d.baseline, n) if self._laws and asked else None
-            if other is None:
-                return d
-            varies = d.varies if set(other[1].named) & set(patterns_of(self.problem.system)) else None
-            return replace(d, law=other[0], naming=other[1], varies=varies)
+            plain = self._laws is None or (d.varies and d.varies.scatter)
+            return d if plain else replace(d, **self._laws.rival(d.baseline, n))
         law = self._laws.law(d.baseline, n) if self._laws else None
         if law and n.named and n.best.fit.chi2 < HALVED * law.fit.chi2:
             law = None  # beside named causes a law of no list that leaves nearly as much explains nothing
