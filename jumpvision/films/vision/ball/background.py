@@ -36,6 +36,8 @@ class Background:
             usable = np.isfinite(contrast) & (contrast / (ball - level) > 0.3)
             self.gain = np.where(usable, (ball - level) / contrast, 1.0)
             self.offset = np.where(usable, level - scene * self.gain, 0.0)
+            # a pixel of the ball's own grey tells nothing
+            self.offset[np.isfinite(contrast) & ~usable] = np.nan
 
     def removed(self, image: Image, row: int = 0, column: int = 0) -> Array:
         """An image (or the part of one that starts at row, column) with the even scene `level` behind the ball;

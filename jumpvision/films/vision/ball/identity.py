@@ -35,8 +35,11 @@ def seen_beside(track: BallTrack, frames: Frames, polarity: str, before: Ints, a
     for own, other in ((before[::-1], after[:LED]), (after, before[-LED:])):
         if other.size < 2:
             continue
-        asked = [int(j) for j in own[:LONGEST] if np.min(np.abs(other - j)) <= HOLE + ASKED]
-        asked = [j for j in asked if _apart(track, other, j)][:ASKED]  # before they met
+        far = HOLE + ASKED if other.size > 2 else ASKED  # a line bends
+        near = [int(j) for j in own[:LONGEST] if np.min(np.abs(other - j)) <= far]
+        asked = [j for j in near if _apart(track, other, j)][:ASKED]  # before they met
+        if len(near) > 1 and not asked and other.size == LED:  # it leads onto the other's rows: the same
+            return None
         seen = [j for j in asked if _is_there(track, frames, polarity, other, j)]
         if seen and len(seen) >= min(2, own.size):
             return seen[0]
