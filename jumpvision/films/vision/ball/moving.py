@@ -33,7 +33,7 @@ ALIKE = 1.3  # largest ratio of diameters along a path, and CONTRASTS of contras
 CONTRASTS = 1.8
 FAR, LEAST = 2.0, 4  # diameters and spots of a path, no less
 HOLE = 6  # frames that a path may be hidden for
-LED = 8  # spots whose parabola leads over twice as many
+LED, MOST_LED = 5, 8  # spots whose parabola leads over a hole, at least and at most
 BENT, STEP = 0.35, 0.8  # a third point off the line of two by this part of the speed and diameters
 BESIDE, SIZE, TOLD = 1.5, 0.3, 0.1  # diameters, square diameters, share of the frames: motion that is not the ball's
 
@@ -198,7 +198,25 @@ def paths(by_frame: Mapping[int, Sequence[Spot]]) -> list[Path]:
             keys = {(s.i, s.x, s.y) for s in free}
             kept.append(_filled(free, by_frame, taken | keys))
             taken |= {(s.i, s.x, s.y) for s in kept[-1]}
-    return [_own(path, kept) for path in kept]
+    return _joined([_own(path, kept) for path in kept])
+
+
+def _joined(kept: list[Path]) -> list[Path]:
+    """With those made one that lead to one another over a hole: of one ball, which another passed."""
+    out: list[Path] = []
+    for path in sorted(kept, key=lambda p: p[0].i):
+        for k, before in enumerate(out):
+            a, b = before[-1], path[0]
+            if 0 < b.i - a.i <= HOLE and like(a, b) and _near(before, b) and _near(path, a):
+                out[k] = before + path
+                break
+        else:
+            out.append(path)
+    return sorted(out, key=lambda p: -len(p))
+
+
+def _near(path: Path, s: Spot) -> bool:
+    return math.dist(led_to(path, s.i), (s.x, s.y)) < 0.5 * s.d
 
 
 def _own(path: Path, kept: Sequence[Path]) -> Path:
@@ -208,8 +226,11 @@ def _own(path: Path, kept: Sequence[Path]) -> Path:
         for cut in (1, 2, 3):
             s, rest = way[cut - 1], way[cut:]
             if len(rest) >= LED and math.dist(led_to(rest, s.i), (s.x, s.y)) > 0.5 * s.d:
-                others = (p for p in kept if p is not path and len(p) >= LED and like(p[0], s))
-                if any(math.dist(led_to(p, s.i), (s.x, s.y)) < 0.5 * s.d for p in others):
+                others = ([o for o in p if (o.i - s.i) * turn > 0] for p in kept if p[0] is not path[0])
+                if any(
+                    len(p) >= LED and like(p[0], s) and math.dist(led_to(p, s.i), (s.x, s.y)) < 0.5 * s.d
+                    for p in others
+                ):
                     path = rest[::turn]
     return path
 
@@ -262,8 +283,8 @@ def at(path: Sequence[Spot], i: int) -> tuple[float, float]:
 
 
 def led_to(path: Sequence[Spot], i: int) -> tuple[float, float]:
-    """(x, y) of the parabola through the LED spots nearest to frame i, where so many are known; else as `at`."""
-    near = sorted(path, key=lambda s: abs(s.i - i))[:LED]
+    """(x, y) of the parabola through the MOST_LED spots nearest to frame i, of LED or more; else as `at`."""
+    near = sorted(path, key=lambda s: abs(s.i - i))[:MOST_LED]
     if len(near) < LED:
         return at(path, i)
     t = np.array([s.i - i for s in near], dtype=float)

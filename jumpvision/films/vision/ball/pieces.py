@@ -23,7 +23,7 @@ LED = 4  # rows that lead over a hole
 KNOWN = 60  # rows by which a piece after the first is judged
 SHORT, DRIFT = 15, 5.0  # rows, px: a piece that is no longer and drifts less stands
 SHARP, MOST = (0.5, 4.0), 20  # diameters and medians off a parabola that are asked about; the first of a film
-SAME = 0.5  # diameters: found again where it was lost
+SAME, RESTS = 0.5, 0.1  # diameters: found again where it was lost; at rest
 OTHER_GREY, OTHER_SIZE, SCATTER = 0.05, 0.08, 6.0  # of contrast, of the diameter; standard deviations
 SHADED = 4.0  # times these: a hand's shade changes a ball's grey by some tenth of the contrast
 STRAY = 0.25  # of what a row is off: so well its neighbours agree
@@ -159,7 +159,11 @@ def _without_strays(track: BallTrack) -> BallTrack:
     there = p[b] + first[1] * (t[2] - t[b])[:, None] + mean * ((t[2] - t[b]) * (t[2] - t[c]))[:, None]
     off = np.hypot(*(p[2] - there).T)
     smooth = third * (t[e] - t[a]) * (t[e] - t[b]) * (t[e] - t[c]) < STRAY * off
-    stray = np.flatnonzero(smooth & (off > SAME * d) & (t[e] - t[a] <= HOLE))
+    # a ball that rests, and is thrown, is none
+    rests = np.any(
+        [np.all([np.hypot(*(p[2] - p[k]).T) < RESTS * d for k in two], axis=0) for two in ((a, b), (c, e))], axis=0
+    )
+    stray = np.flatnonzero(smooth & ~rests & (off > SAME * d) & (t[e] - t[a] <= HOLE))
     if not stray.size:
         return track
     flag = track.flag.astype(object)

@@ -278,7 +278,9 @@ def _to_click(moving: BallTrack, track: BallTrack, path: Path) -> BallTrack:
             flag[i] = str(Flag(Reason.OTHER_BALL))
         elif which[i]:
             flag[i] = ""
-    values = {f.name: tuple(getattr(t, f.name) for t in both) for f in fields(moving) if f.name not in ("flag", "notes")}
+    values = {
+        f.name: tuple(getattr(t, f.name) for t in both) for f in fields(moving) if f.name not in ("flag", "notes")
+    }
     taken = {k: np.where(which == 1, b, a) for k, (a, b) in values.items() if a is not None and b is not None}
     return without(replace(moving, **taken), flag)
 
@@ -306,7 +308,8 @@ def _from_seed(path: Path, seed: tuple[float, float]) -> bool:
 
 def _on_seed(path: Path, seed: tuple[float, float]) -> bool:
     """Whether a path leads back to the seed in the first frame, over no more frames than it tells."""
-    return path[0].i <= 2 * HOLE and math.dist(led_to(path, 0), seed) < 0.5 * path[0].d
+    far = 2 * min(HOLE, len(path))
+    return path[0].i <= far and math.dist(led_to(path, 0), seed) < 0.5 * path[0].d
 
 
 def _begins(path: Path, seed: tuple[float, float], came: float) -> bool:
