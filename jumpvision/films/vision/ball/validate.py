@@ -34,7 +34,7 @@ from .moving import (
     still_scene,
 )
 from .pieces import in_pieces, without
-from .reasons import Flag, Reason
+from .reasons import COVERED, Flag, Reason
 from .track import BallSettings, BallTrack, BallTracker, as_track
 from .unknowns import A, B
 
@@ -42,6 +42,7 @@ USUAL, ON_PATH = 1.25, 0.4  # largest ratio of contrasts along a path; diameters
 PLACE, STAYS = 0.2, 3  # diameters; frames there
 ASKED = 3  # frames that are asked whether the same stands there without the ball
 LOST, MORE = 0.15, 1.1  # share of the frames; times as many in which the ball moves
+HIDES = (*COVERED, Reason.POOR_FIT, Reason.NOT_CONVERGED)  # a thing before the ball, or behind its rim
 STANDS = "doubt: the same stands here in frame {} while the ball is at ({:.0f}, {:.0f})"
 STILL = "doubt: stands still while something moves at ({:.0f}, {:.0f})"
 WHICH = "doubt: balls at ({:.0f}, {:.0f}) and ({:.0f}, {:.0f}) in frame {} may both be the one clicked"
@@ -155,31 +156,43 @@ def follow(path: Path, frames: Frames, settings: BallSettings, scene: Float32 | 
     known = {s.i: s for s in path if 1 / USUAL < s.contrast / usual < USUAL}
     middle = min(known.values(), key=lambda s: s.found.sigma * s.found.chi2).i
     size = float(np.median([s.d for s in path]))
-    behind = None
+    behind: list[Background | None] = [None]
     if scene is not None:
         ball = float(np.median([s.found.fit.p[A] for s in known.values() if s.found.fit is not None]))
-        behind = Background(scene.astype(np.float64), float(np.median(scene)), ball)
+        greys = scene.astype(np.float64), float(np.median(scene)), ball
+        # what has the ball's own grey covers its rim; of a ball that rests the scene itself shows it
+        behind = [Background(*greys), Background(*greys, blind=True)]
     found: dict[int, Found] = {}
     for order in (range(middle, -1, -1), range(middle, len(frames))):
         tracker = BallTracker(replace(settings, seed=None, diameter=settings.diameter or size))
         tracker.trust = True
         for i in order:
             image = np.asarray(frames[i])
-            view = View((image.shape[0], image.shape[1]), whole=partial(frames.__getitem__, i), scene=behind)
-            found[i] = _next(tracker, view, path, i, known.get(i))
+            views = [
+                View((image.shape[0], image.shape[1]), whole=partial(frames.__getitem__, i), scene=b) for b in behind
+            ]
+            found[i] = _next(tracker, views, path, i, known.get(i))
     return as_track([found[i] for i in range(len(frames))])
 
 
-def _next(tracker: BallTracker, view: View, path: Path, i: int, spot: Spot | None) -> Found:
-    """The ball in frame i, which the tracker takes note of."""
+def _next(tracker: BallTracker, views: Sequence[View], path: Path, i: int, spot: Spot | None) -> Found:
+    """The ball in frame i, which the tracker takes note of. views: of the frame; the next where one has it covered."""
+    view = views[0]
     if spot is not None:
         found = tracker.look(view, spot.found)
         near = not found.flag and math.hypot(found.x - spot.x, found.y - spot.y) < ON_PATH * spot.d
         return tracker.keep(found) if near or tracker.last is None else tracker.keep(spot.found)
     if not path[0].i < i < path[-1].i:
-        return tracker.step(view)
+        found = tracker.look(view)
+        if found.flag.reason in HIDES and tracker.last is not None and len(views) > 1:
+            again = tracker.look(views[1])
+            found = found if again.flag else again
+        return tracker.keep(found)
     (x, y), d = at(path, i), path[0].d
-    found = tracker.measurer.measure(view, Start(x, y, d, 0.0, 0.0, True), fresh=False)
+    for view in views:
+        found = tracker.measurer.measure(view, Start(x, y, d, 0.0, 0.0, True), fresh=False)
+        if found.flag.reason not in HIDES:
+            break
     near = not found.flag and math.hypot(found.x - x, found.y - y) < ON_PATH * d
     return tracker.keep(found if near else Found(found.flag or Flag(Reason.HIDDEN)))
 
