@@ -274,7 +274,7 @@ def _of_the_clicked(moving: BallTrack, track: BallTrack, settings: BallSettings,
 
 def _stands(track: BallTrack, look: slice, d: float) -> bool:
     """Whether a track stands in most of the frames looked at, be it at several places."""
-    return 2 * _movers(track, d, look) < np.count_nonzero(track.flag[look] == "")
+    return bool(2 * _movers(track, d, look) < np.count_nonzero(track.flag[look] == ""))
 
 
 def _to_click(moving: BallTrack, track: BallTrack, path: Path) -> BallTrack:
