@@ -243,7 +243,8 @@ def _free(path: Path, taken: set[tuple[int, float, float]]) -> Path:
             runs.append([])
         else:
             runs[-1].append(s)
-    free = tuple(max(runs, key=lambda run: len(run)))
+    longest = max(runs, key=len)
+    free = tuple(longest)
     return free if len(free) >= LEAST and extent(free) > FAR else ()
 
 
