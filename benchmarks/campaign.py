@@ -66,7 +66,7 @@ def main() -> None:
     """Print a markdown table. Processor time beside wall time, because other work on the machine delays only one."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        many, few = (write_campaign(folder / str(n), n) for n in (MANY, FEW))
+        many, few = (write_campaign(folder / str(n), n, rate=200.0) for n in (MANY, FEW))
         two = timed(many, folder / "m", "--workers", "2", "--no-pictures")
         again = timed(many, folder / "m", "--workers", "2", "--no-pictures")
         one = timed(many, folder / "m1", "--workers", "1", "--no-pictures")

@@ -22,7 +22,7 @@ sys.path.insert(0, "tests")
 from fault_lab import leftovers, results_of, run_here, write_campaign
 
 work = Path(sys.argv[1])
-campaign = write_campaign(work / "campaign", 2)
+campaign = write_campaign(work / "campaign", 2, rate=200.0)
 assert run_here(campaign, work / "calm") == 0
 calm = results_of(work / "calm")
 disk = work / "disk"
@@ -57,7 +57,7 @@ def containers(times: int) -> dict[str, int]:
 
     failed = different = left = 0
     with tempfile.TemporaryDirectory() as folder:
-        campaign = write_campaign(Path(folder) / "campaign", 2)
+        campaign = write_campaign(Path(folder) / "campaign", 2, rate=200.0)
         run_here(campaign, Path(folder) / "alone")
         alone = results_of(Path(folder) / "alone")
         for k in range(times):

@@ -32,16 +32,15 @@ T = np.arange(0.0, 2.0, 0.02)
 def swing(p, r):
     """A user's own integrator: leapfrog, 10 steps a sample: 0.2 mrad off DOP853 at most, the noise is 1 mrad."""
 
-    def pull(a, w):
-        return p["W"] * math.sin(a) + p["viscous"] * w + p["quadratic"] * abs(w) * w + p["dry"] * math.tanh(w / 0.02)
-
+    W, viscous, quadratic, dry = (p[n] for n in ("W", "viscous", "quadratic", "dry"))
+    sin, tanh = math.sin, math.tanh
     a, out = r.inputs["start"], []
-    w = -1e-3 * pull(a, 0.0)
+    w = -1e-3 * W * sin(a)
     for _ in r.t:
         out.append(a)
-        for _ in range(10):
+        for _ in range(10):  # written out: it is walked some ten million times
             a += 2e-3 * w
-            w -= 2e-3 * pull(a, w)
+            w -= 2e-3 * (W * sin(a) + viscous * w + quadratic * abs(w) * w + dry * tanh(w / 0.02))
     return np.array(out)
 
 

@@ -1,4 +1,4 @@
-"""Faults: nothing lost, nothing wrong taken for right. (About 40 s; longer: `benchmarks.faults`.)"""
+"""Faults: nothing lost, nothing wrong taken for right. (About 10 s; longer: `benchmarks.faults`.)"""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def until(what, seconds: float):
 @pytest.mark.parametrize("victim", ["the run", *later("a worker")])
 def test_a_killed_process_costs_nothing_but_time(tmp_path, victim):
     """Of two workers one is killed: all experiments are done all the same. The run is killed: no worker stays."""
-    campaign, results = write_campaign(tmp_path / "campaign", 4), tmp_path / "results"
+    campaign, results = write_campaign(tmp_path / "campaign", 4, rate=200.0), tmp_path / "results"
     call = [sys.executable, "-c", "import sys; from jumpvision.cli import main; sys.exit(main())", "run"]
     call += [str(campaign), "--results", str(results), "--workers", "2", "--no-pictures"]
     run = subprocess.Popen(call, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
@@ -256,7 +256,7 @@ def test_an_archive_is_read_and_left_alone(work):
 # ---- what is in the files --------------------------------------------------------------------------------------------
 
 ROWS = {  # what is done to the lines of a log: what the message says
-    "NaN": (lambda r: [*r[:9], "0.04,nan", *r[10:]], "finite number"),
+    "NaN": (lambda r: [*r[:9], "0.08,nan", *r[10:]], "finite number"),
     "duplicated": (lambda r: [*r[:9], r[8], *r[9:]], "repeats"),
     "goes back": (lambda r: [*r[:9], r[3], *r[9:]], "goes back"),
     "negative sigma": (lambda r: [r[0] + ",sigma_m", *(f"{t},-1e-5" for t in r[1:])], "above 0 m"),

@@ -154,7 +154,7 @@ def loose(scatter, dry, n=10, seed=5):
 
 def test_a_number_that_scatters_beside_a_force():
     """Neither is all: with the force alone W is off in every swing, and scatter alone does not damp."""
-    some, spread = loose(0.004, 0.3)
+    some, spread = loose(0.004, 0.3, n=7)
     found = jv.diagnose(some, pendulum.study())
     assert found.named == ("dry_friction",) and told(found) == [("W", "scatter", ())], found.sentence
     assert found.varies[0].low < spread < found.varies[0].high

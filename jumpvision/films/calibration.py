@@ -54,24 +54,25 @@ SHORT_WAVES = Calibrated(
 )
 CODED_OFF = Calibrated(
     0.09,
-    "px, rms error of a displacement where a codec has few bits a pixel: drawn particles of 3 and 5 px and grains, "
-    "moved by 0.07 to 0.8 px, H.264 (x264, crf 12 to 30, bits 0.15 to 1.2) and MPEG-4",
+    "px, rms error of a displacement where a codec has few bits a pixel: drawn particles of 3 px and grains, moved by "
+    "0.1 and 0.5 px, films of 9 to 41 frames, H.264 (x264, crf 12 to 28, bits 0.01 to 1) and MPEG-4",
     "tests/test_compression.py",
-    "2026-11-25",
+    "2026-11-26",
     "vision.compression: added to sigma of vectors",
 )
 CODED_BITS = Calibrated(
-    0.35,
-    "bits a pixel by which that error has halved; below, it falls with their square",
+    0.1,
+    "bits a pixel of the frames between key frames by which that error has halved, whatever the film's length",
     "tests/test_compression.py",
-    "2026-11-25",
+    "2026-11-26",
     "vision.compression",
 )
 OLD_CODEC = Calibrated(
-    4.0,
-    "times as many bits that a codec older than H.264 needs for the same (MPEG-4 alone)",
+    3.0,
+    "times as many bits that a codec older than H.264, or H.264's plain profile, needs for the same (MPEG-4; x264 "
+    "ultrafast, whose error is still up to three times larger)",
     "tests/test_compression.py",
-    "2026-11-25",
+    "2026-11-26",
     "vision.compression",
 )
 SHORTEST_WAVES = Calibrated(

@@ -71,7 +71,7 @@ def piv(
     if said:
         warnings.warn(StageWarning("frames", said), stacklevel=2)
     apart = float(time[p.gap] - time[0])
-    fields = [velocities(f, scale, apart, coded) for f in fields_of(lit, masks, prefilter, stride, p, begun)]
+    fields = [velocities(f, scale, apart) for f in fields_of(lit, masks, prefilter, stride, p, begun, coded)]
     if not any(np.isfinite(f.u).any() for f in fields):
         raise ValueError(f"piv: no vector in the field: {reasons(fields[0])}")
     whole = xr.concat(fields, dim="t").assign_coords(head.coords).assign_attrs(head.attrs)

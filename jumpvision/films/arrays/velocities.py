@@ -42,8 +42,10 @@ def fields_of(
     stride: int,
     p: PivParams,
     begun: VectorField | None = None,
+    coded: float = 0.0,
 ) -> Iterator[VectorField]:
-    """Fields of the pairs of frames that have their light; begun: that of the first pair, where it is known."""
+    """Fields of the pairs of frames that have their light; begun: that of the first pair, where it is known; coded:
+    what the film's codec may add to a displacement [px]."""
     return piv_film(
         images,
         mask=usable,
@@ -53,6 +55,7 @@ def fields_of(
         stride=stride,
         prefilter=prefilter,
         begun=begun,
+        coded=coded,
         **matching(p),
     )
 
@@ -109,9 +112,8 @@ def header(time: Array, shape: tuple[int, int], at: Places, prefilter: float, st
     )
 
 
-def velocities(f: VectorField, scale: float | None, dt: float, coded: float = 0.0) -> xr.Dataset:
-    """One pixel field as velocities, y up: m/s with a scale [m/px], else px/s. dt [s]: between the frames of a pair;
-    coded: what the film's codec may add to a displacement [px]."""
+def velocities(f: VectorField, scale: float | None, dt: float) -> xr.Dataset:
+    """One pixel field as velocities, y up: m/s with a scale [m/px], else px/s. dt [s]: between the frames of a pair."""
     size, unit = (scale, "m") if scale else (1.0, "px")
 
     def speed(values: Array, sign: float = 1.0, **attrs: str) -> tuple[tuple[str, str], Array, dict[str, str]]:
@@ -121,14 +123,14 @@ def velocities(f: VectorField, scale: float | None, dt: float, coded: float = 0.
         {
             "u": speed(f.u, standard_name="u_velocity"),
             "v": speed(f.v, -1.0, standard_name="v_velocity"),
-            "u_sigma": speed(np.hypot(f.u_sigma, coded)),
-            "v_sigma": speed(np.hypot(f.v_sigma, coded)),
+            "u_sigma": speed(f.u_sigma),
+            "v_sigma": speed(f.v_sigma),
             "u_raw": speed(f.u_raw),
             "v_raw": speed(f.v_raw, -1.0),
             "u_matched": speed(f.matched[0]),
             "v_matched": speed(f.matched[1], -1.0),
-            "u_matched_sigma": speed(np.hypot(f.matched[2], coded)),
-            "v_matched_sigma": speed(np.hypot(f.matched[3], coded)),
+            "u_matched_sigma": speed(f.matched[2]),
+            "v_matched_sigma": speed(f.matched[3]),
             "chc": (
                 ("y", "x"),
                 np.isin(f.reason, MEASURED).astype(float),

@@ -44,7 +44,8 @@ class Clock(NamedTuple):
 
 class Known(TypedDict, total=False):
     """What a film's file says of itself; bit_depth of a grey value, exposure_s [s], recorded_rate_hz [Hz];
-    bits_per_pixel that it has of each frame, where its codec loses some and predicts frames from others."""
+    bits_per_pixel that it has of each frame between key frames, where its codec loses some and predicts frames from
+    others; profile: of that codec."""
 
     format: Required[str]
     bit_depth: Required[int]
@@ -53,6 +54,7 @@ class Known(TypedDict, total=False):
     camera: str
     codec: str
     bits_per_pixel: float
+    profile: str
     pixels: str
     data_set: str
     first_frame: int

@@ -40,6 +40,8 @@ class Scan:
     dts: list[int] = field(default_factory=list)
     key: list[bool] = field(default_factory=list)
     place: list[int | None] = field(default_factory=list)  # of packets in the file [bytes]
+    size: list[int] = field(default_factory=list)  # of packets [bytes]
+    profile: str = ""  # of the codec
     broken: set[int] = field(default_factory=set)  # packets that cannot be decoded
     hidden: int = 0  # packets that an edit list hides
     cut: bool = False  # the file ends before its container says
@@ -87,6 +89,7 @@ def _scanned(path: Path, threads: str, seen: Callable[[Image], None] | None) -> 
             tick=Fraction(stream.time_base or 1),
             rate=float(stream.average_rate or 0),
             promised=stream.frames,
+            profile=str(stream.codec_context.profile or ""),
             cut="matroska" in container.format.name and cut(path),
             duration=(alone - (container.start_time or 0)) * 1e-6 if alone else 0.0,
         )
@@ -121,6 +124,7 @@ def add_packet(scan: Scan, packet: Any, failed: bool) -> None:
     scan.dts.append(dts if dts is not None else scan.pts[-1])
     scan.key.append(packet.is_keyframe)
     scan.place.append(packet.pos)
+    scan.size.append(packet.size)
 
 
 def add_frame(scan: Scan, frame: VideoFrame) -> None:

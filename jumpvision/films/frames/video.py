@@ -73,8 +73,10 @@ class VideoFilm(Film):
 
         dtype, depth = grey_type(av.VideoFormat(name))
         meta: Known = {"format": scan.format, "codec": scan.codec, "pixels": name, "bit_depth": depth}
-        if predicts(scan.codec):
-            meta["bits_per_pixel"] = 8.0 * path.stat().st_size / max(n * height * width, 1)
+        between = [size for size, key in zip(scan.size, scan.key) if not key]
+        if between and predicts(scan.codec):
+            meta["bits_per_pixel"] = 8.0 * sum(between) / (len(between) * height * width)
+            meta["profile"] = scan.profile
         if scan.rate > 0:
             meta["recorded_rate_hz"] = scan.rate
         super().__init__(

@@ -18,11 +18,11 @@ from jumpvision.films.frames.base import Film
 
 BLOCK, INSIDE = 16, 4  # px: of a codec's grid, and the rim of a block that is smoothed over afterwards
 LEAST, SURE, PAIRS = 0.05, 3.0, 4  # share of the blocks; standard deviations; pairs of frames
-NEW_CODECS = ("h264", "hevc", "vp9", "av1")
+NEW_CODECS, PLAIN = ("h264", "hevc", "vp9", "av1"), "Baseline"
 TOLD = 0.005  # px, from which on it is said
 CODED = (
     "compressed{}: all displacements of a pair of frames may be off together by {:.2g} px, which their sigmas include; "
-    "FFV1, PNG or raw films lose nothing"
+    "piv.baseline = 9 divides it by up to 9 where the motion lasts; FFV1, PNG or raw films lose nothing"
 )
 
 
@@ -36,13 +36,14 @@ def coding(film: Film | None, frames: Sequence[Image] | Film) -> tuple[float, st
 
 
 def coded_error(film: Film) -> float:
-    """Error of a displacement [px] that a film's codec adds, by the bits it spends on a pixel; 0 where it loses nothing
-    or keeps every frame for itself."""
+    """Error of a displacement [px] that a film's codec adds, by the bits it spends on a pixel of a frame that it
+    predicts; 0 where it loses nothing or keeps every frame for itself."""
     bits = film.meta.get("bits_per_pixel")
     if not bits:
         return 0.0
-    new = film.meta.get("codec") in NEW_CODECS
-    return CODED_OFF.value / (1.0 + (bits / (CODED_BITS.value * (1.0 if new else OLD_CODEC.value))) ** 2)
+    # what an old codec or a plain profile writes takes more bits
+    new = film.meta.get("codec") in NEW_CODECS and PLAIN not in film.meta.get("profile", "")
+    return CODED_OFF.value / (1.0 + bits / (CODED_BITS.value * (1.0 if new else OLD_CODEC.value)))
 
 
 def copied_error(frames: Sequence[Image] | Film) -> float:

@@ -44,7 +44,7 @@ def needs_of_piv(film: GrainVideo | None) -> list[str]:
     return lacking(film, "pair_time") if film and film.pairs else []
 
 
-@stage(version=17, any_of=("film", "field"), needs=needs_of_piv)
+@stage(version=18, any_of=("film", "field"), needs=needs_of_piv)
 def piv(
     film: GrainVideo | None,
     field: PivField | None,
@@ -79,7 +79,7 @@ def stride_of(film: GrainVideo, p: PivParams) -> int:
 
 class Job(NamedTuple):
     """What a process needs to match a part of a film. given: the section as the experiment has it; the foot and the
-    light are those of the whole film."""
+    light are those of the whole film; coded [px]: what its codec may add."""
 
     given: GrainVideo
     mask: GrainMask | None
@@ -89,6 +89,7 @@ class Job(NamedTuple):
     light: Light
     prefilter: float
     stride: int
+    coded: float
     p: PivParams
 
     def fields(
@@ -100,7 +101,7 @@ class Job(NamedTuple):
         """Fields of frames from `first` on."""
         lit = (self.light(image, i) for i, image in enumerate(images, first))
         shown = usable and (lambda k: usable(first + k))
-        return fields_of(lit, shown, self.prefilter, self.stride, self.p)
+        return fields_of(lit, shown, self.prefilter, self.stride, self.p, None, self.coded)
 
     def part(self, frames: Film, usable: Usable | None, part: tuple[int, int]) -> list[VectorField]:
         """Fields of the pairs whose first frame is from part[0] on, before part[1]."""
@@ -121,8 +122,8 @@ class Job(NamedTuple):
 @dataclass(frozen=True)
 class Ready:
     """A film that is ready to be matched. film: its section in the pixels of its frames; head: places and times of the
-    field; apart [s]: from frame to frame of each field's pairs; coded [px]: what the codec may add to a displacement;
-    begun: the first pair, where the prefilter was chosen by it.
+    field; apart [s]: from frame to frame of each field's pairs; begun: the first pair, where the prefilter was chosen
+    by it.
     """
 
     frames: Film
@@ -131,7 +132,6 @@ class Ready:
     usable: Usable | None
     head: xr.Dataset
     apart: Array
-    coded: float
     begun: VectorField | None
 
     def whole(self) -> Piv:
@@ -140,12 +140,12 @@ class Ready:
 
     def planes(self, fields: Iterable[VectorField], first: int = 0) -> Iterator[xr.Dataset]:
         """Pixel fields, from number `first` on, as velocities over (y, x)."""
-        return (velocities(f, self.film.scale, d, self.coded) for f, d in zip(fields, self.apart[first:]))
+        return (velocities(f, self.film.scale, d) for f, d in zip(fields, self.apart[first:]))
 
     def alone(self, k: int) -> Piv:
         """Field number k of the film, as it is among all others."""
         p, known = self.job.p, self.begun if k == 0 else None
-        if known is None or p.ensemble > 1 or p.baseline > p.gap:
+        if known is None or p.ensemble > 1 or p.baseline > p.gap or self.job.coded:
             known = self.job.field(self.frames, self.usable, k)
         plane = next(self.planes([known], k))
         return Piv(self.head.isel(t=[k]).assign(plane.expand_dims("t", axis=-1)))
@@ -182,9 +182,9 @@ def ready(
         head = header(frames.time, frames.shape, placed(film), prefilter, stride, p)
         if foot is not None:
             add_foot(head, foot, frames.time, film, stride, p)
-        job = Job(given, mask, calibration, robot, foot, light, prefilter, stride, p)
+        job = Job(given, mask, calibration, robot, foot, light, prefilter, stride, coded, p)
         begin, end = ends(frames.time, stride, p)
-        yield Ready(frames, film, job, usable, head, of_fields(end - begin, p), coded, begun)
+        yield Ready(frames, film, job, usable, head, of_fields(end - begin, p), begun)
 
 
 def matched(frames: Film, job: Job, usable: Usable | None) -> Iterator[VectorField]:

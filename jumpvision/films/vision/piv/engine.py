@@ -17,7 +17,7 @@ from jumpvision.films.calibration import FEW_FINER, FEW_NOISE, FOREIGN_PIXEL, SP
 
 from . import pair as code
 from .frame import GAIN, LIGHT, STRONG, Frame, prepare, roughness, sharp
-from .pair import TIMES, Settings, VectorField, backend, combined
+from .pair import TIMES, Settings, VectorField, backend, coded_apart, combined
 from .predict import Mask, at, flow, predict
 from .refine import Grid, Match, Pairs, refine
 from .scales import Noise, noise_factor, smoothed
@@ -70,6 +70,7 @@ def piv_film(
     stride: int = 1,
     prefilter: float | None = None,
     begun: VectorField | None = None,
+    coded: float = 0.0,
     progress: Callable[[int], None] | None = None,
     **settings: Any,
 ) -> Iterator[VectorField]:
@@ -79,8 +80,10 @@ def piv_film(
     mid-time, up to that many frames, are combined with each (see `multiframe`). ensemble: so many consecutive pairs are
     matched together and give one field, for steady flow; the last may hold fewer. stride: frames from one pair to the
     next, 2 for double exposures, where baseline is 1 and gap below it. prefilter: [px] of all frames, None:
-    as `best_prefilter` finds for the first pair; begun: what it found there. progress(k) is called after the pair
-    (k, k + gap). settings: see `Settings`; displacements are px per pair (k, k + gap), not per frame.
+    as `best_prefilter` finds for the first pair; begun: what it found there. coded: error [px] that a codec adds to a
+    displacement; it is one of the frames' places, so that of n consecutive pairs together is less by n / sqrt(gap).
+    progress(k) is called after the pair (k, k + gap). settings: see `Settings`; displacements are px per pair
+    (k, k + gap), not per frame.
     """
     s = Settings(**settings)
     if gap < 1:
@@ -108,7 +111,10 @@ def piv_film(
             held.pop(q - reach, None)
             if progress is not None and (q - first) % stride == 0:
                 progress(q)
-        return combined(fields) if len(fields) > 1 else fields[0][1]
+        n = (end - first - 1) // stride + 1  # pairs; the places of the frames that two of them share cancel
+        one = coded * math.sqrt(min(gap, n) if stride == 1 else n) / n
+        fields = [(baseline, coded_apart(f, one)) for baseline, f in fields]
+        return combined(fields, code.FURTHEST_CODED if coded else code.FURTHEST)
 
     if prefilter is None:
         film = iter(images)

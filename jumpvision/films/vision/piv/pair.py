@@ -142,16 +142,30 @@ def unpacked(data: bytes) -> Iterator[VectorField]:
         yield VectorField(x, y, **{n: a[k] for n, a in planes.items()}, gradient=none, gradient_sigma=none)
 
 
-def combined(fields: list[tuple[float, VectorField]]) -> VectorField:
+def coded_apart(f: VectorField, coded: float) -> VectorField:
+    """A field whose frames a codec has put `coded` [px] apart from where they belong."""
+    if not coded:
+        return f
+    matched = np.concatenate([f.matched[:2], np.hypot(f.matched[2:], coded)])
+    return replace(f, u_sigma=np.hypot(f.u_sigma, coded), v_sigma=np.hypot(f.v_sigma, coded), matched=matched)
+
+
+FURTHEST = 2.0  # px: a longer displacement gains little and loses grains
+FURTHEST_CODED = 8.0  # px: where a codec has moved the frames, every longer displacement gains
+
+
+def combined(fields: list[tuple[float, VectorField]], furthest: float = FURTHEST) -> VectorField:
     """Displacement per shortest baseline from fields (baseline, field) of one mid-time, the shortest first.
 
-    Every longer one that is measured, moves by no more than 2 px and agrees with those before it takes part with
-    the weight of its variance (their errors come from different frames). What is left of the disagreement widens sigma
-    as in Birge's ratio. Gradients are those of the longest that takes part; all else is that of the shortest.
+    Every longer one that is measured, moves by no more than `furthest` [px] and agrees with those before it takes part
+    with the weight of its variance (their errors come from different frames). What is left of the disagreement widens
+    sigma as in Birge's ratio. Gradients are those of the longest that takes part; all else is that of the shortest.
     """
+    if len(fields) == 1:
+        return fields[0][1]
     base = fields[0][1]
-    as_matched, use = _together(fields, [f.matched for _, f in fields])
-    best, _ = _together(fields, [np.stack([f.u, f.v, f.u_sigma, f.v_sigma]) for _, f in fields])
+    as_matched, use = _together(fields, [f.matched for _, f in fields], furthest)
+    best, _ = _together(fields, [np.stack([f.u, f.v, f.u_sigma, f.v_sigma]) for _, f in fields], furthest)
     gradient, gradient_sigma = base.gradient.copy(), base.gradient_sigma.copy()
     for taken, (baseline, f) in zip(use, fields[1:]):
         n = baseline / fields[0][0]
@@ -165,7 +179,9 @@ def combined(fields: list[tuple[float, VectorField]]) -> VectorField:
     )
 
 
-def _together(fields: list[tuple[float, VectorField]], of: list[Array]) -> tuple[Array, list[NDArray[np.bool_]]]:
+def _together(
+    fields: list[tuple[float, VectorField]], of: list[Array], furthest: float
+) -> tuple[Array, list[NDArray[np.bool_]]]:
     """The same of u, v and their sigmas (4, ny, nx) of each field; also where each of the longer ones took part."""
     (unit, base), *longer = fields
     d, s = of[0][:2], of[0][2:]
@@ -176,8 +192,7 @@ def _together(fields: list[tuple[float, VectorField]], of: list[Array]) -> tuple
         u, sigma = values[:2] * (unit / baseline), values[2:] * (unit / baseline)
         apart = (u - mean) ** 2 / (sigma**2 + 1 / total)
         # two baselines agree within 3 standard uncertainties
-        # a longer displacement than 2 px gains little and loses grains
-        use = np.isin(f.reason, MEASURED) & (np.hypot(f.u, f.v) <= 2.0) & (apart.max(0) <= 3.0**2)
+        use = np.isin(f.reason, MEASURED) & (np.hypot(f.u, f.v) <= furthest) & (apart.max(0) <= 3.0**2)
         w = np.where(use, 1 / sigma**2, 0.0)
         mean, chi2 = np.where(use, (total * mean + w * u) / (total + w), mean), chi2 + np.where(use, apart, 0.0)
         total, count = total + w, count + use
