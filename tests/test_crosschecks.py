@@ -20,10 +20,11 @@ from conftest import SAMPLES
 from jumpvision.base.schema import InputError, StageWarning
 from jumpvision.cli import main
 from jumpvision.estimate.flight import Flights, contact_flights
+from jumpvision.experiment.campaign.copies import repeated
 from jumpvision.experiment.campaign.jumps import _jump
 from jumpvision.experiment.inputs.experiment import open_experiment, open_folder
 from jumpvision.experiment.inputs.sections import Actuation, Robot
-from jumpvision.experiment.stages.crosschecks import Motion, cross_checks, driven, repeated, resting, stances
+from jumpvision.experiment.stages.crosschecks import Motion, cross_checks, driven, resting, stances
 from jumpvision.experiment.stages.falling import falls_otherwise, flown
 from jumpvision.experiment.stages.preflight import preflight
 from jumpvision.experiment.workflow.run import Outcome

@@ -132,7 +132,7 @@ def _say_left_out(path: Path) -> None:
 
 def _say_repeated(campaign: Campaign) -> None:
     """Names experiments with one and the same recording."""
-    from jumpvision.experiment.stages.crosschecks import repeated
+    from jumpvision.experiment.campaign.copies import repeated
 
     from . import terminal
 

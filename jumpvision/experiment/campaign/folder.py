@@ -251,7 +251,7 @@ def _craters(run: Run) -> list[Path]:
 
 def warnings_of(campaign: Campaign, told: Mapping[str, Sequence[Told]]) -> list[dict[str, object]]:
     """Of a campaign, from what is told of each experiment: {experiment, kind, message, recording, values}."""
-    from jumpvision.experiment.stages.crosschecks import repeated
+    from .copies import repeated
 
     twice = repeated(campaign.experiments)
     return [

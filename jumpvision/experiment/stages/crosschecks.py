@@ -6,29 +6,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import StageWarning
-from jumpvision.base.storage import sha256
 from jumpvision.estimate.flight import Flights, contact_flights, flight_height
 from jumpvision.estimate.flight.flights import flights_of
 from jumpvision.estimate.flight.track import noise_of, pieces, stretches
 from jumpvision.estimate.ringdown import ring_down
-from jumpvision.experiment.inputs.experiment import Experiment
 from jumpvision.experiment.inputs.sections import (
     Actuation,
-    GrainVideo,
-    IntrusionLog,
     MotorLog,
     Robot,
-    RodTrack,
-    RodVideo,
 )
 from jumpvision.jumper.physics.oscillator import lift_off_amplitude
 
@@ -106,27 +99,6 @@ def cross_checks(
             yield from contact(name, motion, found, *touches, soft)
     if law is not None and motor is not None:
         yield from driven(law, *motor)
-
-
-def repeated(experiments: Iterable[Experiment]) -> dict[str, list[StageWarning]]:
-    """Experiments with the same recording of a motion, by name: one was copied, and counts twice."""
-    sizes: dict[tuple[str, int], list[tuple[str, Path]]] = {}
-    for e in experiments:
-        for kind in (RodVideo, RodTrack, GrainVideo, IntrusionLog):
-            section = e.section(kind)
-            if section is not None and section.path.is_file():
-                sizes.setdefault((section.name, section.path.stat().st_size), []).append((e.name, section.path))
-    out: dict[str, list[StageWarning]] = {}
-    for (section_name, _), files in sizes.items():
-        alike: dict[str, list[str]] = {}
-        for experiment, path in files if len(files) > 1 else ():
-            alike.setdefault(sha256(path), []).append(experiment)
-        for names in alike.values():
-            for name in names if len(names) > 1 else ():
-                others = " and ".join(n for n in names if n != name)
-                said = f"[{section_name}] is the recording of {others} too: a copy counts twice; give exclude in one"
-                out.setdefault(name, []).append(StageWarning("copy", said, section_name))
-    return out
 
 
 def swing_of(robot: Robot | None, *, hard: bool) -> float:

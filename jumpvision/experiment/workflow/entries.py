@@ -108,8 +108,8 @@ def opened(cache: Path, stage: str, key: str) -> Iterator[Receipt]:
     for name, digest in receipt["outputs"].items():
         if sha256(entry / name) != digest:
             raise CorruptEntry(f"{entry / name}: damaged in the cache")
-    with contextlib.suppress(OSError):  # when it was last used, for pruning by age
-        os.utime(entry / RECEIPT)
+    with contextlib.suppress(OSError):  # when it was last used, for pruning by age; notes stamp the files in it
+        os.utime(entry)
     try:
         yield receipt
     except FileNotFoundError:

@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from sys import intern
 
 import jumpvision
 from jumpvision.base.progress import HOOK, SHARE, WORKERS, Hook, Shared, setting
@@ -191,15 +192,20 @@ def _as_noted(experiment: Experiment, plan: Plan, results: Path, key: str) -> Ou
     if told is None:
         return None
     as_now = {"state": "cached", "seconds": 0.0}
-    steps = [Step(**{**s, **as_now, "versions": _shared(s["versions"])}) for s in told["steps"]]
+    steps = [Step(**{**s, **as_now, **_shared(s)}) for s in told["steps"]]
     summary = Summary.of(told["summary"]) if told["summary"] else UNKNOWN
-    known = Outcome(experiment.name, results, steps, not_run=told["not_run"], summary=summary)
+    known = Outcome(experiment.name, results, steps, not_run=[*map(intern, told["not_run"])], summary=summary)
     return None if plan.fresh and known.older else known
 
 
-def _shared(versions: Mapping[str, str]) -> Mapping[str, str]:
-    """One object for all that are the same: a campaign may have 10,000 experiments."""
-    return VERSIONS.setdefault(tuple(versions.items()), versions)
+def _shared(step: Toml) -> Mapping[str, object]:
+    """What many steps have alike, as one object for all: a campaign may have 10,000 experiments."""
+    versions = VERSIONS.setdefault(tuple(step["versions"].items()), step["versions"])
+    return {
+        "stage": intern(step["stage"]),
+        "versions": versions,
+        "files": {intern(name): digest for name, digest in step["files"].items()},
+    }
 
 
 VERSIONS: dict[tuple[tuple[str, str], ...], Mapping[str, str]] = {}

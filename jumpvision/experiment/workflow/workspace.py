@@ -44,7 +44,7 @@ from .stage import STAGES, Input, Said, Stage, StageWarning, results_stages
 R = TypeVar("R", bound=Record)
 
 
-@dataclass
+@dataclass(slots=True)
 class Step:
     """What became of one stage in a run. versions: of the packages that made it; files: its results."""
 

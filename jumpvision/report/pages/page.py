@@ -64,8 +64,6 @@ FILMS = {
 }
 PREVIEWS = ("flow.png", "piv.png", "bed.png", "track.png", "crater.png", "intrusion.png")  # of one experiment at most
 
-MADE_FROM = '<meta name="made-from" content="{}">'  # at the head of a page: the digest of what it was made from
-
 
 def write_campaign(
     campaign: Campaign,
@@ -74,9 +72,9 @@ def write_campaign(
     results: Path,
     diagnosis: Diagnosis | None,
     warned: list[str],
-    key: str,
+    mark: str,
 ) -> None:
-    """The page of a campaign. warned: what is to be doubted of it, in sentences."""
+    """The page of a campaign. warned: what is to be doubted of it, in sentences; mark: for the page's head."""
     from jumpvision.experiment.campaign.measured.actuator import actuator_bandwidth, driven
     from jumpvision.experiment.campaign.measured.craters import measured_in, zero_crossing
     from jumpvision.experiment.campaign.measured.intrusions import intrusion_laws, slow_intrusions, stepped
@@ -96,7 +94,7 @@ def write_campaign(
     cone = shown.results / "cone.webm" if shown is not None else None
     moving = {"src": film(cone), "poster": poster(cone)} if cone is not None and cone.exists() else None
     text = template("campaign.html.j2").render(
-        key=MADE_FROM.format(key),
+        key=mark,
         style=style(),
         script=script(),
         title=campaign.path.absolute().name,
@@ -185,7 +183,7 @@ def half_foot(d: Diagnosis, outcomes: list[Outcome]) -> str:
     )
 
 
-def write_experiment(outcome: Outcome, law: Actuation | None, back: str, receipt: str, key: str) -> None:
+def write_experiment(outcome: Outcome, law: Actuation | None, back: str, receipt: str, mark: str) -> None:
     """The page of one experiment. back: address of the campaign's; receipt: its provenance.json."""
     folder = outcome.results
     fits = dict(fits_of(folder).estimates)
@@ -199,7 +197,7 @@ def write_experiment(outcome: Outcome, law: Actuation | None, back: str, receipt
     charts = experiment_charts(folder, law)
     made = json.loads(receipt or "{}")
     text = template("experiment.html.j2").render(
-        key=MADE_FROM.format(key),
+        key=mark,
         style=style(),
         script=script(),
         title=outcome.name,

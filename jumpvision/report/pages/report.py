@@ -18,11 +18,11 @@ from jumpvision.experiment.inputs.experiment import Campaign
 from jumpvision.experiment.inputs.sections import Actuation
 from jumpvision.experiment.workflow.run import Outcome
 
-from .page import MADE_FROM
-
 if TYPE_CHECKING:
     from jumpvision.engine.document.diagnosis import Diagnosis
     from jumpvision.experiment.results.summary import JumpRow
+
+MADE_FROM = '<meta name="made-from" content="{}">'  # at the head of a page: the digest of what it was made from
 
 
 def write_report(
@@ -59,7 +59,7 @@ def write_report(
     if not made_from(results / files.REPORT, key):
         from .page import write_campaign
 
-        write_campaign(campaign, outcomes, rows, results, diagnosis, said, key)
+        write_campaign(campaign, outcomes, rows, results, diagnosis, said, MADE_FROM.format(key))
     return results / files.REPORT
 
 
@@ -71,7 +71,7 @@ def _experiment(outcome: Outcome, law: Actuation | None, *, back: str) -> str:
     if not made_from(outcome.results / files.REPORT, key):
         from .page import write_experiment
 
-        write_experiment(outcome, law, back, receipt, key)
+        write_experiment(outcome, law, back, receipt, MADE_FROM.format(key))
     return key
 
 

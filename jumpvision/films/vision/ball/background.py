@@ -26,9 +26,10 @@ LEAST_VIEWS = (
 
 
 class Background:
-    """scene: (row, column) [grey], NaN where never seen; level: its median; ball: grey of the ball inside its edge."""
+    """scene: (row, column) [grey], NaN where never seen; level: its median; ball: grey of the ball inside its edge.
+    blind: where the scene has the ball's own grey there is no data; else the frame's own."""
 
-    def __init__(self, scene: Array, level: float, ball: float):
+    def __init__(self, scene: Array, level: float, ball: float, *, blind: bool = False):
         self.scene, self.level, self.ball = scene, level, ball
         contrast = ball - scene
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -36,6 +37,8 @@ class Background:
             usable = np.isfinite(contrast) & (contrast / (ball - level) > 0.3)
             self.gain = np.where(usable, (ball - level) / contrast, 1.0)
             self.offset = np.where(usable, level - scene * self.gain, 0.0)
+            if blind:
+                self.offset[np.isfinite(contrast) & ~usable] = np.nan
 
     def removed(self, image: Image, row: int = 0, column: int = 0) -> Array:
         """An image (or the part of one that starts at row, column) with the even scene `level` behind the ball;

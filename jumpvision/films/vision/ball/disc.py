@@ -236,8 +236,11 @@ FIRST_LIGHT, LAST_LIGHT, BALL, BACK = BX, GY, A, B
 @njit(cache=True, error_model="numpy")
 def rim_faults(sectors, shifts, sigmas, rim, factor):  # type: ignore[no-untyped-def]
     """(sectors whose contrast is wrong, largest significant shift of a sector from its usual place `rim` [px])."""
-    off, dent = 0, 0.0
+    off, none, dent = 0, 0, 0.0
     for q in range(len(rim)):
+        if not math.isfinite(sectors[q]):
+            none += 1
+            continue
         # a sector of the rim whose contrast is off by more than half is covered
         if not abs(sectors[q] - 1.0) < 0.5:
             off += 1
@@ -245,7 +248,8 @@ def rim_faults(sectors, shifts, sigmas, rim, factor):  # type: ignore[no-untyped
         # a shift of a sector counts from 6 standard deviations on
         if moved > 6.0 * sigmas[q] * math.sqrt(factor):
             dent = max(dent, moved)
-    return off, dent
+    # what a sector of a known scene lacks stands in sigma; of more than a quarter of the rim nothing is proven
+    return (off if none <= len(rim) // 4 else off + none), dent
 
 
 class Memory(NamedTuple):

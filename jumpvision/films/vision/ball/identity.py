@@ -21,7 +21,8 @@ from .track import BallTrack
 from .unknowns import A, B
 
 Ints = NDArray[np.int64]
-LED, ASKED = 3, 3  # rows that lead on; frames that are asked
+LED, ASKED = 5, 3  # rows that lead on; frames that are asked
+LONGEST = 16  # rows from the hole on that may be
 APART, NEAR = 0.9, 0.4  # diameters: two balls; a ball that is where it was led to
 ALIKE = 1.4  # ratio of contrasts
 
@@ -31,22 +32,31 @@ def seen_beside(track: BallTrack, frames: Frames, polarity: str, before: Ints, a
 
     before, after: frames of a track, in order, the last and the first of them on either side of a hole or turn.
     """
-    for own, other in ((before[-ASKED:], after[:LED]), (after[:ASKED], before[-LED:])):
+    for own, other in ((before[::-1], after[:LED]), (after, before[-LED:])):
         if other.size < 2:
             continue
-        asked = [int(j) for j in own if np.min(np.abs(other - j)) <= HOLE + ASKED]
+        far = HOLE + ASKED if other.size > 2 else ASKED  # a line bends
+        near = [int(j) for j in own[:LONGEST] if np.min(np.abs(other - j)) <= far]
+        asked = [j for j in near if _apart(track, other, j)][:ASKED]  # before they met
+        if len(near) > 1 and not asked and other.size == LED:  # it leads onto the other's rows: the same
+            return None
         seen = [j for j in asked if _is_there(track, frames, polarity, other, j)]
         if seen and len(seen) >= min(2, own.size):
             return seen[0]
     return None
 
 
-def _is_there(track: BallTrack, frames: Frames, polarity: str, other: Ints, j: int) -> bool:
-    """Whether the thing of the rows `other`, led to frame j, is seen there beside the track's own place."""
+def _apart(track: BallTrack, other: Ints, j: int) -> bool:
+    """Whether the thing of the rows `other`, led to frame j, is not at the track's own place."""
     d = float(np.median(track.diameter[other]))
     x, y = (_led(other, values[other], j) for values in (track.x, track.y))
-    if math.hypot(x - track.x[j], y - track.y[j]) < APART * d:
-        return False
+    return math.hypot(x - track.x[j], y - track.y[j]) >= APART * d
+
+
+def _is_there(track: BallTrack, frames: Frames, polarity: str, other: Ints, j: int) -> bool:
+    """Whether the thing of the rows `other`, led to frame j, is seen there."""
+    d = float(np.median(track.diameter[other]))
+    x, y = (_led(other, values[other], j) for values in (track.x, track.y))
     view = frames.view(j) if isinstance(frames, AtHand) else View.of(np.asarray(frames[j]))
     if not (0.5 * d < x < view.shape[1] - 0.5 * d and 0.5 * d < y < view.shape[0] - 0.5 * d):
         return False
@@ -60,8 +70,8 @@ def _is_there(track: BallTrack, frames: Frames, polarity: str, other: Ints, j: i
 
 
 def _led(rows: Ints, values: Array, j: int) -> float:
-    """The polynomial through the values, in frame j."""
-    return float(np.polyval(np.polyfit(rows - rows[0], values, rows.size - 1), j - rows[0]))
+    """The parabola through the values, or the line where there are two, in frame j."""
+    return float(np.polyval(np.polyfit(rows - rows[0], values, min(2, rows.size - 1)), j - rows[0]))
 
 
 def ball_at(view: View, x: float, y: float, d: float, polarity: str) -> Found | None:

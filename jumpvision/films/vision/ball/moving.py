@@ -31,8 +31,9 @@ HEAD = HEADS[1]
 MOST_FRAMES = HEADS[-1]
 ALIKE = 1.3  # largest ratio of diameters along a path, and CONTRASTS of contrasts
 CONTRASTS = 1.8
-FAR = 2.0
+FAR, LEAST = 2.0, 4  # diameters and spots of a path, no less
 HOLE = 6  # frames that a path may be hidden for
+LED, MOST_LED = 5, 8  # spots whose parabola leads over a hole, at least and at most
 BENT, STEP = 0.35, 0.8  # a third point off the line of two by this part of the speed and diameters
 BESIDE, SIZE, TOLD = 1.5, 0.3, 0.1  # diameters, square diameters, share of the frames: motion that is not the ball's
 
@@ -188,17 +189,63 @@ def paths(by_frame: Mapping[int, Sequence[Spot]]) -> list[Path]:
                         found.append(_longer([a, b, c], by_frame))
                         for m in (1, 2):  # a pair that leaves one out tells nothing more
                             joined |= {(id(s), id(t)) for s, t in zip(found[-1], found[-1][m:])}
-    # a path has at least four frames
-    found = [p for p in found if len(p) >= 4 and extent(p) > FAR]
+    found = [p for p in found if len(p) >= LEAST and extent(p) > FAR]
     found.sort(key=lambda p: (-len(p), -float(np.median([s.contrast for s in p]))))
     kept: list[Path] = []
     taken: set[tuple[int, float, float]] = set()
     for path in found:
-        keys = {(s.i, s.x, s.y) for s in path}
-        if not keys & taken:
-            kept.append(_filled(path, by_frame, taken | keys))
+        if free := _free(path, taken):
+            keys = {(s.i, s.x, s.y) for s in free}
+            kept.append(_filled(free, by_frame, taken | keys))
             taken |= {(s.i, s.x, s.y) for s in kept[-1]}
-    return kept
+    return _joined([_own(path, kept) for path in kept])
+
+
+def _joined(kept: list[Path]) -> list[Path]:
+    """With those made one that lead to one another over a hole: of one ball, which another passed."""
+    out: list[Path] = []
+    for path in sorted(kept, key=lambda p: p[0].i):
+        for k, before in enumerate(out):
+            a, b = before[-1], path[0]
+            if 0 < b.i - a.i <= HOLE and like(a, b) and _near(before, b) and _near(path, a):
+                out[k] = before + path
+                break
+        else:
+            out.append(path)
+    return sorted(out, key=lambda p: -len(p))
+
+
+def _near(path: Path, s: Spot) -> bool:
+    return math.dist(led_to(path, s.i), (s.x, s.y)) < 0.5 * s.d
+
+
+def _own(path: Path, kept: Sequence[Path]) -> Path:
+    """Without spots at its ends that are off its own way and on another's: two balls that met."""
+    for turn in (1, -1):
+        way = path[::turn]
+        for cut in (1, 2, 3):
+            s, rest = way[cut - 1], way[cut:]
+            if len(rest) >= LED and math.dist(led_to(rest, s.i), (s.x, s.y)) > 0.5 * s.d:
+                others = ([o for o in p if (o.i - s.i) * turn > 0] for p in kept if p[0] is not path[0])
+                if any(
+                    len(p) >= LED and like(p[0], s) and math.dist(led_to(p, s.i), (s.x, s.y)) < 0.5 * s.d
+                    for p in others
+                ):
+                    path = rest[::turn]
+    return path
+
+
+def _free(path: Path, taken: set[tuple[int, float, float]]) -> Path:
+    """The longest run of a path's spots that no other has: two balls that meet share some. Empty where none is left."""
+    runs: list[list[Spot]] = [[]]
+    for s in path:
+        if (s.i, s.x, s.y) in taken:
+            runs.append([])
+        else:
+            runs[-1].append(s)
+    longest = max(runs, key=len)
+    free = tuple(longest)
+    return free if len(free) >= LEAST and extent(free) > FAR else ()
 
 
 def _filled(path: Path, by_frame: Mapping[int, Sequence[Spot]], taken: set[tuple[int, float, float]]) -> Path:
@@ -234,6 +281,16 @@ def at(path: Sequence[Spot], i: int) -> tuple[float, float]:
         share = math.prod((i - o.i) / (s.i - o.i) for o in near if o is not s)
         x, y = x + share * s.x, y + share * s.y
     return x, y
+
+
+def led_to(path: Sequence[Spot], i: int) -> tuple[float, float]:
+    """(x, y) of the parabola through the MOST_LED spots nearest to frame i, of LED or more; else as `at`."""
+    near = sorted(path, key=lambda s: abs(s.i - i))[:MOST_LED]
+    if len(near) < LED:
+        return at(path, i)
+    t = np.array([s.i - i for s in near], dtype=float)
+    x, y = (np.polyfit(t, [getattr(s, k) for s in near], 2)[2] for k in "xy")
+    return float(x), float(y)
 
 
 def like(a: Spot, b: Spot) -> bool:

@@ -19,10 +19,11 @@ from .moving import BENT, HOLE, STEP, head_rows
 from .track import BallTrack
 
 Ints = NDArray[np.int64]
+LED = 4  # rows that lead over a hole
 KNOWN = 60  # rows by which a piece after the first is judged
 SHORT, DRIFT = 15, 5.0  # rows, px: a piece that is no longer and drifts less stands
 SHARP, MOST = (0.5, 4.0), 20  # diameters and medians off a parabola that are asked about; the first of a film
-SAME = 0.5  # diameters: found again where it was lost
+SAME, RESTS = 0.5, 0.1  # diameters: found again where it was lost; at rest
 OTHER_GREY, OTHER_SIZE, SCATTER = 0.05, 0.08, 6.0  # of contrast, of the diameter; standard deviations
 SHADED = 4.0  # times these: a hand's shade changes a ball's grey by some tenth of the contrast
 STRAY = 0.25  # of what a row is off: so well its neighbours agree
@@ -90,7 +91,9 @@ class _Way:
         moves = self.pieces[0].size > 1 and self._reach_in_head(0) > DRIFT
         if first and main:
             apart = any(self._beside(self.pieces[0], self.pieces[k]) is not None for k in {1, main})
-            if moves or apart or self._looks(main).other(self.pieces[0], SHADED):
+            # what stands elsewhere proves nothing against a click
+            stands = self._reach_in_head(main) <= DRIFT
+            if moves or apart or stands or self._looks(main).other(self.pieces[0], SHADED):
                 main = 0
         self._look = self._looks(main)
         return main
@@ -128,7 +131,8 @@ class _Way:
             return []
         sharp = _off_parabolas(self._good.astype(float), self._at)
         least = max(SHARP[0] * self._d, SHARP[1] * float(np.median(sharp[: self._head])))
-        return [int(k) for k in np.flatnonzero(linked & (sharp > least))[:MOST]]
+        asked = linked & ((sharp > least) | (np.diff(self._good) > 1))
+        return [int(k) for k in np.flatnonzero(asked)[:MOST]]
 
     def _beside(self, before: Ints, after: Ints) -> int | None:
         if self._frames is None:
@@ -155,7 +159,11 @@ def _without_strays(track: BallTrack) -> BallTrack:
     there = p[b] + first[1] * (t[2] - t[b])[:, None] + mean * ((t[2] - t[b]) * (t[2] - t[c]))[:, None]
     off = np.hypot(*(p[2] - there).T)
     smooth = third * (t[e] - t[a]) * (t[e] - t[b]) * (t[e] - t[c]) < STRAY * off
-    stray = np.flatnonzero(smooth & (off > SAME * d) & (t[e] - t[a] <= HOLE))
+    # a ball that rests, and is thrown, is none
+    rests = np.any(
+        [np.all([np.hypot(*(p[2] - p[k]).T) < RESTS * d for k in two], axis=0) for two in ((a, b), (c, e))], axis=0
+    )
+    stray = np.flatnonzero(smooth & ~rests & (off > SAME * d) & (t[e] - t[a] <= HOLE))
     if not stray.size:
         return track
     flag = track.flag.astype(object)
@@ -186,7 +194,9 @@ def _linked(good: Ints, at: Array, d: float, track: BallTrack, head: int) -> NDA
     v = step / gap[:, None]
     same = np.hypot(*step.T) < SAME * d
     near = gap <= HOLE
-    out = same.copy()
+    # after a hole only what hardly moves is found where it was lost
+    beside = np.stack([np.hypot(*v[at].T) for at in (np.r_[0, : len(v) - 1], np.r_[1 : len(v), len(v) - 1])])
+    out = same & ((gap == 1) | (gap * beside.max(axis=0) < SAME * d))
     for turn in (1, -1):  # the motion before leads on, or the motion after back
         v_k, gap_k = v[::turn], gap[::turn]
         off = np.hypot(*(v_k[1:] - v_k[:-1]).T) * np.maximum(gap_k[1:], gap_k[:-1])
@@ -199,6 +209,7 @@ def _linked(good: Ints, at: Array, d: float, track: BallTrack, head: int) -> NDA
         three[1:] |= smooth
         three[:-1] |= smooth
         out |= three[::turn]
+    out |= _led_over(good, at, d, out)
     # from rest, or by a bounce: as far as the motion after or before goes in so many frames
     held = np.zeros(len(v), bool)
     for turn in (1, -1):
@@ -221,6 +232,19 @@ def _linked(good: Ints, at: Array, d: float, track: BallTrack, head: int) -> NDA
             before, after = grey[max(0, k - 4) : k + 1], grey[k + 1 : k + 6]
             off = abs(float(np.median(after) - np.median(before)))
             out[k] = off < max(most, SCATTER * max(_scatter(before), _scatter(after)))
+    return out
+
+
+def _led_over(good: Ints, at: Array, d: float, linked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(n - 1,): whether the parabola through the LED rows before leads over a hole to the next row, or that through as
+    many after it back."""
+    out = np.zeros(linked.size, bool)
+    for k in np.flatnonzero(~linked & (np.diff(good) > 1) & (np.diff(good) <= HOLE)):
+        for rows, to in ((np.arange(k + 1 - LED, k + 1), k + 1), (np.arange(k + 1, k + 1 + LED), k)):
+            if rows[0] < 0 or rows[-1] >= good.size or not linked[rows[0] : rows[-1]].all():
+                continue
+            led = np.polyval(np.polyfit(good[rows] - good[to], at[rows], 2)[2:], 0.0)
+            out[k] |= bool(np.hypot(*(led - at[to])) < SAME * d)
     return out
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 
 import numpy as np
@@ -17,9 +17,24 @@ from jumpvision.films.parameters import SMALLEST_BALL
 from .background import Background, View
 from .identity import ball_at
 from .measure import Found, Start
-from .moving import HOLE, AtHand, Head, Path, Spot, at, elsewhere, head_rows, heads, like, moving_paths, still_scene
-from .pieces import without
-from .reasons import Flag, Reason
+from .moving import (
+    HOLE,
+    LED,
+    AtHand,
+    Head,
+    Path,
+    Spot,
+    at,
+    elsewhere,
+    head_rows,
+    heads,
+    led_to,
+    like,
+    moving_paths,
+    still_scene,
+)
+from .pieces import in_pieces, without
+from .reasons import COVERED, Flag, Reason
 from .track import BallSettings, BallTrack, BallTracker, as_track
 from .unknowns import A, B
 
@@ -27,6 +42,7 @@ USUAL, ON_PATH = 1.25, 0.4  # largest ratio of contrasts along a path; diameters
 PLACE, STAYS = 0.2, 3  # diameters; frames there
 ASKED = 3  # frames that are asked whether the same stands there without the ball
 LOST, MORE = 0.15, 1.1  # share of the frames; times as many in which the ball moves
+HIDES = (*COVERED, Reason.POOR_FIT, Reason.NOT_CONVERGED)  # a thing before the ball, or behind its rim
 STANDS = "doubt: the same stands here in frame {} while the ball is at ({:.0f}, {:.0f})"
 STILL = "doubt: stands still while something moves at ({:.0f}, {:.0f})"
 WHICH = "doubt: balls at ({:.0f}, {:.0f}) and ({:.0f}, {:.0f}) in frame {} may both be the one clicked"
@@ -49,10 +65,15 @@ def validated(
     d = settings.diameter or SMALLEST_BALL
     if good.any():
         d = float(np.median(track.diameter[head_rows(np.flatnonzero(good))]))
+    clicked = settings.seed is not None
+    # what another ball is taken for is no part of the ball's way
+    way = in_pieces(track, True, frames, settings.polarity) if clicked else track
     for head in heads(frames):
         look = slice(0, len(head))
-        searched = is_still(track, look) or np.mean(track.flag[look] != "") > LOST
-        moving = _moving(track, frames, head, settings, d) if searched else None
+        searched = is_still(track, look) or np.mean(way.flag[look] != "") > LOST
+        # nothing proves that what was found later is what was clicked
+        searched = searched or (clicked and (bool(track.flag[0]) or _stands(way, look, d)))
+        moving = _moving(way, frames, head, settings, d) if searched else None
         better = moving or track
         if (flying := flies(better, head)) is not None:
             return flying
@@ -77,19 +98,23 @@ def _moving(track: BallTrack, frames: Frames, head: Head, settings: BallSettings
         ours = sorted(
             ours, key=lambda p: (not _from_seed(p, seed), len(p) < 0.7 * len(ours[0]), _distance_to_seed(p, seed))
         )
-    if seed and track.flag[0] and (two := _two_from(ours, seed)):
+    if seed and ours and (two := _two_from(ours, seed, not track.flag[0])):
         good[[s.i for s in ours[0]]] = True
         return without(track, np.where(good, WHICH.format(*two), track.flag))
     if not ours or len(ours[0]) < head.least:
         return None
     # of 12 frames the median is a scene to take out
     moving = follow(ours[0], frames, settings, scene if len(frames) >= 12 else None)
+    if seed and len(ours[0]) >= LED and _on_seed(ours[0], seed):
+        moving = _to_click(moving, track, ours[0])
     look = slice(0, len(head))
     if seed and _from_seed(ours[0], seed):  # what is seen after it may be another ball
         look = slice(0, ours[0][-1].i + 1)
     # the search must find the ball moving in a tenth more frames
     more = _movers(moving, d, look) > MORE * _movers(track, d, look)
-    if (still and settings.seed is None) or (more and _of_the_clicked(moving, track, settings, ours[0], d)):
+    # what was not seen at the click, and is elsewhere, is another ball than one whose way begins there
+    other = seed is not None and bool(track.flag[0]) and _on_seed(ours[0], seed) and _elsewhere(track, ours[0])
+    if other or (still and settings.seed is None) or (more and _of_the_clicked(moving, track, settings, ours[0], d)):
         return _with_notes(
             without_still_objects(moving, frames, settings), ours, track, np.flatnonzero(good[: len(head)])
         )
@@ -131,31 +156,43 @@ def follow(path: Path, frames: Frames, settings: BallSettings, scene: Float32 | 
     known = {s.i: s for s in path if 1 / USUAL < s.contrast / usual < USUAL}
     middle = min(known.values(), key=lambda s: s.found.sigma * s.found.chi2).i
     size = float(np.median([s.d for s in path]))
-    behind = None
+    behind: list[Background | None] = [None]
     if scene is not None:
         ball = float(np.median([s.found.fit.p[A] for s in known.values() if s.found.fit is not None]))
-        behind = Background(scene.astype(np.float64), float(np.median(scene)), ball)
+        greys = scene.astype(np.float64), float(np.median(scene)), ball
+        # what has the ball's own grey covers its rim; of a ball that rests the scene itself shows it
+        behind = [Background(*greys), Background(*greys, blind=True)]
     found: dict[int, Found] = {}
     for order in (range(middle, -1, -1), range(middle, len(frames))):
         tracker = BallTracker(replace(settings, seed=None, diameter=settings.diameter or size))
         tracker.trust = True
         for i in order:
             image = np.asarray(frames[i])
-            view = View((image.shape[0], image.shape[1]), whole=partial(frames.__getitem__, i), scene=behind)
-            found[i] = _next(tracker, view, path, i, known.get(i))
+            views = [
+                View((image.shape[0], image.shape[1]), whole=partial(frames.__getitem__, i), scene=b) for b in behind
+            ]
+            found[i] = _next(tracker, views, path, i, known.get(i))
     return as_track([found[i] for i in range(len(frames))])
 
 
-def _next(tracker: BallTracker, view: View, path: Path, i: int, spot: Spot | None) -> Found:
-    """The ball in frame i, which the tracker takes note of."""
+def _next(tracker: BallTracker, views: Sequence[View], path: Path, i: int, spot: Spot | None) -> Found:
+    """The ball in frame i, which the tracker takes note of. views: of the frame; the next where one has it covered."""
+    view = views[0]
     if spot is not None:
         found = tracker.look(view, spot.found)
         near = not found.flag and math.hypot(found.x - spot.x, found.y - spot.y) < ON_PATH * spot.d
         return tracker.keep(found) if near or tracker.last is None else tracker.keep(spot.found)
     if not path[0].i < i < path[-1].i:
-        return tracker.step(view)
+        found = tracker.look(view)
+        if found.flag.reason in HIDES and tracker.last is not None and len(views) > 1:
+            again = tracker.look(views[1])
+            found = found if again.flag else again
+        return tracker.keep(found)
     (x, y), d = at(path, i), path[0].d
-    found = tracker.measurer.measure(view, Start(x, y, d, 0.0, 0.0, True), fresh=False)
+    for view in views:
+        found = tracker.measurer.measure(view, Start(x, y, d, 0.0, 0.0, True), fresh=False)
+        if found.flag.reason not in HIDES:
+            break
     near = not found.flag and math.hypot(found.x - x, found.y - y) < ON_PATH * d
     return tracker.keep(found if near else Found(found.flag or Flag(Reason.HIDDEN)))
 
@@ -223,6 +260,8 @@ def _of_the_clicked(moving: BallTrack, track: BallTrack, settings: BallSettings,
     was followed from the click."""
     if settings.seed is None or track.flag[0]:
         return True
+    if len(path) >= LED and _on_seed(path, settings.seed):
+        return True
     if not moving.flag[0]:
         return math.hypot(moving.x[0] - track.x[0], moving.y[0] - track.y[0]) < d
     good, first = np.flatnonzero(track.flag == ""), path[0]
@@ -231,6 +270,39 @@ def _of_the_clicked(moving: BallTrack, track: BallTrack, settings: BallSettings,
     gap, speed = first.i - last, math.dist((first.x, first.y), (path[1].x, path[1].y)) / (path[1].i - first.i)
     away = math.hypot(first.x - track.x[last], first.y - track.y[last])
     return gap <= HOLE and away < 1.5 * d + gap * speed
+
+
+def _stands(track: BallTrack, look: slice, d: float) -> bool:
+    """Whether a track stands in most of the frames looked at, be it at several places."""
+    return bool(2 * _movers(track, d, look) < np.count_nonzero(track.flag[look] == ""))
+
+
+def _to_click(moving: BallTrack, track: BallTrack, path: Path) -> BallTrack:
+    """With the rows before a path that leads back to the click where it leads: by what follows the path, else by the
+    track from the click; no others."""
+    both = (moving, track)
+    which = np.zeros(len(moving.flag), int)
+    flag = moving.flag.astype(object)
+    for i in range(path[0].i):
+        x, y = led_to(path, i)
+        near = [not t.flag[i] and math.hypot(t.x[i] - x, t.y[i] - y) < 0.5 * path[0].d for t in both]
+        which[i] = int(near[1] and not near[0])
+        if not any(near) and not moving.flag[i]:
+            flag[i] = str(Flag(Reason.OTHER_BALL))
+        elif which[i]:
+            flag[i] = ""
+    values = {
+        f.name: tuple(getattr(t, f.name) for t in both) for f in fields(moving) if f.name not in ("flag", "notes")
+    }
+    taken = {k: np.where(which == 1, b, a) for k, (a, b) in values.items() if a is not None and b is not None}
+    return without(replace(moving, **taken), flag)
+
+
+def _elsewhere(track: BallTrack, path: Path) -> bool:
+    """Whether the track is beside a path in most of the frames that both have."""
+    both = [s for s in path if not track.flag[s.i]]
+    away = [s for s in both if math.hypot(track.x[s.i] - s.x, track.y[s.i] - s.y) > s.d]
+    return 2 * len(away) > len(both)
 
 
 def _movers(track: BallTrack, d: float, look: slice) -> int:
@@ -247,27 +319,36 @@ def _from_seed(path: Path, seed: tuple[float, float]) -> bool:
     return len(path) >= 6 and first.i == 0 and math.dist((first.x, first.y), seed) < 0.5 * first.d
 
 
+def _on_seed(path: Path, seed: tuple[float, float]) -> bool:
+    """Whether a path leads back to the seed in the first frame, over no more frames than it tells."""
+    far = 2 * min(HOLE, len(path))
+    return path[0].i <= far and math.dist(led_to(path, 0), seed) < 0.5 * path[0].d
+
+
 def _begins(path: Path, seed: tuple[float, float], came: float) -> bool:
     """Whether a path may have begun at the seed in the first frame: so many times its speed away by then, in no more
     frames than a path may be hidden for."""
     first, second = path[0], path[1]
     speed = math.hypot(second.x - first.x, second.y - first.y) / (second.i - first.i)
+    if _on_seed(path, seed):
+        return True
     return _distance_to_seed(path, seed) < 1.5 * first.d + came * speed * min(first.i, HOLE)
 
 
-def _two_from(ours: list[Path], seed: tuple[float, float]) -> tuple[float, ...] | None:
-    """Of paths that may have begun at a seed where no ball is seen: where two that are alike are at once, and when.
-    None where they are not, or where one of them alone began on the seed itself: that one is put first."""
+def _two_from(ours: list[Path], seed: tuple[float, float], seen: bool) -> tuple[float, ...] | None:
+    """Of paths that may have begun at a seed: where two that are alike are at once, and when. None where they are not,
+    or where one of them alone began on the seed itself: that one is put first. seen: a ball is, at the seed; then both
+    must have begun on it."""
     for other in ours[1:]:
         one = {s.i: s for s in ours[0]}
         both = [(one[s.i], s) for s in other if s.i in one and like(one[s.i], s)]
         if len(both) < 2:
             continue
-        on = [math.dist(at(p, 0), seed) < 0.5 * p[0].d for p in (ours[0], other)]
-        if on[0] == on[1]:
+        on = [_on_seed(p, seed) for p in (ours[0], other)]
+        if on[0] == on[1] and (on[0] or not seen):
             a, b = both[0]
             return a.x, a.y, b.x, b.y, a.i
-        if on[1]:
+        if on[1] and not on[0]:
             ours[:] = [other, *(p for p in ours if p is not other)]
     return None
 
@@ -275,7 +356,7 @@ def _two_from(ours: list[Path], seed: tuple[float, float]) -> tuple[float, ...] 
 def _distance_to_seed(path: Path, seed: tuple[float, float]) -> float:
     """From the seed to where a path begins, or would have in the first frame, whichever is nearer [px]."""
     first = path[0]
-    x, y = at(path, 0) if first.i <= HOLE else (first.x, first.y)
+    x, y = led_to(path, 0) if first.i <= 2 * HOLE else (first.x, first.y)
     return min(math.hypot(first.x - seed[0], first.y - seed[1]), math.hypot(x - seed[0], y - seed[1]))
 
 
