@@ -151,7 +151,7 @@ class Order:
         if wide is not None and wide.odd is not None and wide.odd.explained:
             return self._without(d, wide.odd)
         apart = self._apart(d) if wide is not None and wide.odd is None else ()
-        if apart and (few := self._mistaken(d, apart)) is not None:
+        if apart and (few := self._mistaken(d, apart)):
             return few
         order = self if wide is None else replace(self, problem=wide.problem)
         self.say(f"trying {len(self.problem.system.candidates)} mechanisms")
@@ -360,11 +360,10 @@ class Order:
         """What is named, with what describes the rest: a law of no list, else generic forces; nothing where nothing is
         left, or where no cause is likelier than chance."""
         n = d.naming
-        if n is None or n.by_chance or (d.varies and d.varies.aside):
+        if n is None or n.by_chance or (d.varies and (d.varies.aside or (d.complete and d.varies.scatter))):
             return d
         if d.complete:
-            plain = self._laws is None or (d.varies and d.varies.scatter)
-            return d if plain else replace(d, **self._laws.rival(d.baseline, n))
+            return replace(d, **self._laws.rival(d.baseline, n)) if self._laws else d
         law = self._laws.law(d.baseline, n) if self._laws else None
         if law and n.named and n.best.fit.chi2 < HALVED * law.fit.chi2:
             law = None  # beside named causes a law of no list that leaves nearly as much explains nothing
