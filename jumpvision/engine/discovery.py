@@ -139,7 +139,7 @@ class Laws:
         tried = race(whole, [((*rest, form), named.named) for rest, forms in rests for form in forms])
         limit = held_out_score(whole, named)
         better = [(f, s - limit) for f in tried if (s := held_out_score(whole, f)) > limit + SURE]
-        for fit, gained in sorted(better, key=lambda x: -x[1]):
+        for fit, gained in sorted(better, key=lambda x: LEVEL * len(x[0].mechanisms) - x[1]):
             listed = directions(whole, fit, _listed(whole, self.library.forms))
             test = detect(whole, fit, listed, np.random.default_rng(SEED))
             rest = next((e for e in n.tried if e.mechanisms == fit.mechanisms[:-1]), None)

@@ -46,7 +46,7 @@ from .mend import written
 from .model_file import model_files
 
 SEED = 1  # of the simulated noise: the same data give the same answer
-VERSION = 18  # of the method: another one asks again
+VERSION = 19  # of the method: another one asks again
 STAGE = "diagnose"
 
 Say = Callable[[str], None]
