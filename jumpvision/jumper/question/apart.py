@@ -13,7 +13,7 @@ from jumpvision.engine.vary.variables import Changes, Variable
 from jumpvision.jumper.mechanisms.registry import PARAMETERS
 from jumpvision.jumper.physics.forcing import Forcing, Loop, Segments, Spline
 from jumpvision.jumper.physics.model import Model
-from jumpvision.jumper.physics.sand.jump import Tracks
+from jumpvision.jumper.physics.sand.jump import Tracks, laid
 
 from .jumps import Jump
 
@@ -71,14 +71,18 @@ def changed(model: Model, changes: Changes, i: int) -> Model:
     return out
 
 
-def driven(tracks: Tracks, jumps: Sequence[Jump], changes: Changes) -> Tracks:
-    """The tracks with the drives of jumps whose own differ; the same where none does."""
-    if not any(np.any(changes[n]) for n in DRIVE if n in changes):
-        return tracks
+def driven(tracks: Tracks, jumps: Sequence[Jump], changes: Changes, which: Sequence[int]) -> Tracks:
+    """The tracks with the drives of those jumps `which` whose own differ; the same where none does."""
     none = np.zeros(len(jumps))
     larger, faster = (1.0 + changes.get(n, none) for n in DRIVE)
-    each = [_drive(j.forcing, float(a), float(f)) for j, a, f in zip(jumps, larger, faster)]
-    stops = [s.start + (j.stop - s.start) / float(f) for j, s, f in zip(jumps, each, faster)]
+    own = [i for i in which if larger[i] != 1.0 or faster[i] != 1.0]
+    if not own:
+        return tracks
+    each, stops = list(tracks.laid), [j.stop for j in jumps]
+    for i in own:
+        drive = _drive(jumps[i].forcing, float(larger[i]), float(faster[i]))
+        stops[i] = drive.start + (stops[i] - drive.start) / float(faster[i])
+        each[i] = laid(drive, stops[i])
     return Tracks(each, stops, [tracks.t[p] for p in tracks.places])
 
 

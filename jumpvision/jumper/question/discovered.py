@@ -39,14 +39,15 @@ class JumperForms:
 
     def rivals(self, named: Sequence[str]) -> dict[tuple[str, ...], list[str]]:
         """Forms on the film and the rail in the place of what is named there (of two on the rail and more), or of all
-        of two causes and more, by what they leave named."""
+        of two causes and more (on the rail where a number varies beside), by what they leave named."""
         body = {m.name: m.acts_on for m in self.library.values()}
         body |= {n: self.system.model.mechanism(n).acts_on for n in named if n not in self.system.patterns}
         film, rail = ([n for n in self.library if body[n] in b] for b in (FILM, RAIL))
         seen, slowed = ({n for n in named if body.get(n) in b} for b in (FILM, RAIL))
         gone = [({n}, film) for n in seen] + [(seen, film)] * bool(seen)
-        gone += [(slowed, rail)] * (len(slowed) > 1)
-        gone += [(set(named), film + rail * bool(slowed))] * (len(named) > 1)
+        many = len(slowed) > 1
+        asked = many or bool(slowed and set(named) & set(self.system.patterns))
+        gone += [(slowed, rail)] * many + [(set(named), film + rail * asked)] * (len(named) > 1)
         return {tuple(n for n in named if n not in out): forms for out, forms in gone}
 
     def law(self, found: Discovery, problem: Problem) -> JumperLaw:

@@ -314,7 +314,7 @@ class Jumper:
         """`predict` with a change of each jump's own, beside those of the patterns among the mechanisms."""
         own = changes_of(self.patterns, mechanisms, values, len(self.jumps))
         changes = added(self.always, own, changes)
-        tracks = driven(self.tracks, self.jumps, changes)
+        tracks = driven(self.tracks, self.jumps, changes, which)
         t = tracks.t
         out, times = np.full((1, t.size), np.nan), np.empty((1, t.size))
         try:

@@ -320,7 +320,7 @@ class Tracks:
         self, forcings: Sequence[Forcing | Loop | Laid], stops: Sequence[float], times: Sequence[Array]
     ) -> None:
         each = [f if isinstance(f, Laid) else laid(f, s) for f, s in zip(forcings, stops)]
-        self.forcings = [x.forcing for x in each]
+        self.laid, self.forcings = each, [x.forcing for x in each]
         self.played: dict[tuple[int, tuple[Hashable, ...]], Laid] = {}  # by jump and drive
         wide = max(x.rows.shape[1] for x in each)  # a loop's rows have its gain behind
         self.rows = np.concatenate([np.pad(x.rows, ((0, 0), (0, wide - x.rows.shape[1]))) for x in each])
