@@ -164,6 +164,20 @@ def test_what_a_film_has_wrong():
     np.testing.assert_allclose(model.filmed(h, t), h + 1e-4 * (h / 0.02) ** 2, rtol=1e-14)
 
 
+def test_a_shutter_that_reads_row_by_row():
+    """Two films, one after the other, of y = v t - g t^2 / 2 seen at t + a y: r h h_rate / h_0 with r = a h_0 is that
+    to first order; the next is (a y)^2 g / 2 <= 7e-9 m. Differences of a parabola are exact inside, and off by g dt / 2
+    at an end: a y g dt / 2 <= 1.1e-7 m."""
+    a, v, g, dt = 2e-3, 0.6, 9.81, 1e-3
+    shutter = own("shutter", "film_height", "r * h * h_rate / h_0", {"r": (a * 0.02, "s"), "h_0": (0.02, "m")})
+    t = np.arange(0.0, 0.1, dt)
+    y = v * t - g * t**2 / 2
+    later = t + a * y
+    seen = having(SAND, shutter).filmed(np.tile(y, 2), np.tile(t, 2))
+    np.testing.assert_allclose(seen, np.tile(v * later - g * later**2 / 2, 2), rtol=0, atol=1.2e-7)
+    assert np.max(np.abs(seen - np.tile(y, 2))) > 8e-6
+
+
 def test_parameters_of_ones_own_survive_another_process():
     law = mechanism("mine", "carriage", "-c * v_m", [parameter("c", 3.0, 0.0, 10.0, "N s/m")])
     p = parameters_with((law,))(k=1.0, mine_c=2.0)

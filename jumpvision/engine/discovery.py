@@ -145,8 +145,17 @@ class Laws:
             rest = next((e for e in n.tried if e.mechanisms == fit.mechanisms[:-1]), None)
             if test.discrepant or rest is None:
                 continue
-            form, r2 = fit.mechanisms[-1], explained(self.problem, base, fit.chi2)
-            found = Discovery(form, rest.fit, fit, r2, {form: 1.0}, (), test, gained)
+            found = Discovery(
+                form=fit.mechanisms[-1],
+                before=rest.fit,
+                fit=fit,
+                r2=explained(self.problem, base, fit.chi2),
+                stability=wins(whole, [f for f, _ in better], np.random.default_rng(SEED), TOLD),
+                rivals=tuple(f.mechanisms[-1] for f, g in better if f is not fit and abs(g - gained) <= LEVEL),
+                detection=test,
+                gained=gained,
+            )
+            # the odds that the listed causes are all there is: those of what is held out
             status, best = (Status.PARTIAL, rest) if rest.mechanisms else (Status.UNDETERMINED, n.best)
             less = replace(n, named=rest.mechanisms, status=status, best=best, twins=(), suffices=math.exp(-gained))
             gone = {} if set(less.named) & set(patterns_of(self.problem.system)) else {"varies": None}

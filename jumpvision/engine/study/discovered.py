@@ -22,6 +22,7 @@ class StudyForms:
         self.whole, self.forms = with_laws(system, *(m for _, m in self.library.values())), list(self.library)
 
     def rivals(self, named: Sequence[str]) -> dict[tuple[str, ...], list[str]]:
+        """None: what its mechanisms act on is not known."""
         return {}
 
     def law(self, found: Discovery, problem: Problem) -> Law:

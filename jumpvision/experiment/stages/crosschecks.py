@@ -18,11 +18,7 @@ from jumpvision.estimate.flight import Flights, contact_flights, flight_height
 from jumpvision.estimate.flight.flights import flights_of
 from jumpvision.estimate.flight.track import noise_of, pieces, stretches
 from jumpvision.estimate.ringdown import ring_down
-from jumpvision.experiment.inputs.sections import (
-    Actuation,
-    MotorLog,
-    Robot,
-)
+from jumpvision.experiment.inputs.sections import Actuation, MotorLog, Robot
 from jumpvision.jumper.physics.oscillator import lift_off_amplitude
 
 from .rod import commanded, other_spring, position_at, total_mass

@@ -62,10 +62,10 @@ def entries_of(cache: Path) -> list[Entry]:
             files = list(folder.iterdir())
             if any(f.name not in names or f.is_symlink() or not f.is_file() for f in files):
                 continue
-            stats, seen = [f.stat() for f in files], folder.stat().st_mtime
+            stats, opened = [f.stat() for f in files], folder.stat().st_mtime
         except (CorruptEntry, FileNotFoundError, NotADirectoryError):
             continue
-        used = max(seen, *(s.st_mtime for s in stats), noted.get(folder.absolute(), 0.0))
+        used = max(opened, *(s.st_mtime for s in stats), noted.get(folder.absolute(), 0.0))
         found.append(Entry(cache, folder, folder.parent.name, sum(s.st_size for s in stats), used))
     return found
 

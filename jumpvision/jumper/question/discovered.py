@@ -38,17 +38,27 @@ class JumperForms:
         self.whole, self.forms = system.considering(list(self.library.values())), list(self.library)
 
     def rivals(self, named: Sequence[str]) -> dict[tuple[str, ...], list[str]]:
-        """Forms on the film and the rail in the place of what is named there (of two on the rail and more), or of all
-        of two causes and more (on the rail where a number varies beside), by what they leave named."""
+        """Forms by what they leave named: on the film in the place of one or all of the causes there, on the rail of
+        two and more there, and either of all causes where they are two or more."""
         body = {m.name: m.acts_on for m in self.library.values()}
         body |= {n: self.system.model.mechanism(n).acts_on for n in named if n not in self.system.patterns}
         film, rail = ([n for n in self.library if body[n] in b] for b in (FILM, RAIL))
-        seen, slowed = ({n for n in named if body.get(n) in b} for b in (FILM, RAIL))
-        gone = [({n}, film) for n in seen] + [(seen, film)] * bool(seen)
-        many = len(slowed) > 1
-        asked = many or bool(slowed and set(named) & set(self.system.patterns))
-        gone += [(slowed, rail)] * many + [(set(named), film + rail * asked)] * (len(named) > 1)
-        return {tuple(n for n in named if n not in out): forms for out, forms in gone}
+        on_film, on_rail = ([n for n in named if body.get(n) in b] for b in (FILM, RAIL))
+        out: dict[tuple[str, ...], list[str]] = {}
+
+        def instead(gone: Sequence[str], of: list[str]) -> None:
+            out[tuple(n for n in named if n not in gone)] = of
+
+        for n in on_film:
+            instead([n], film)
+        if on_film:
+            instead(on_film, film)
+        if len(on_rail) > 1:
+            instead(on_rail, rail)
+        if len(named) > 1:
+            varies = any(n in self.system.patterns for n in named)  # which a drag of another power looks like
+            instead(named, [*film, *rail] if len(on_rail) > 1 or (on_rail and varies) else film)
+        return out
 
     def law(self, found: Discovery, problem: Problem) -> JumperLaw:
         """The law under its own name, fitted again from where it was, with what it can do."""

@@ -183,7 +183,7 @@ def _instruments() -> list[Mechanism]:
     height = drawn("h_0", DEPTH, DEPTH, DEPTH, "m")
     rate = drawn("r", 0.0, -0.2, 0.2, "", scale=1e-3)
     bend = drawn("r", 0.0, -0.05, 0.05, "m", scale=1e-4)
-    late = drawn("r", 0.0, -0.02, 0.02, "s", scale=1e-5)
+    late = drawn("r", 0.0, -0.02, 0.02, "s", scale=1e-5)  # the time from row to row over h_0
     return [
         mechanism("shutter", "film_height", "r * h / h_0 * h_rate", [late, height]),  # rows of a frame one by one
         mechanism("clock_rate", "film_time", "r * time_s", [rate]),

@@ -248,7 +248,7 @@ def rim_faults(sectors, shifts, sigmas, rim, factor):  # type: ignore[no-untyped
         # a shift of a sector counts from 6 standard deviations on
         if moved > 6.0 * sigmas[q] * math.sqrt(factor):
             dent = max(dent, moved)
-    # what a sector of a known scene lacks stands in sigma; of more than a quarter of the rim nothing is proven
+    # sectors without data widen sigma; where more than a quarter of the rim has none, they count as covered
     return (off if none <= len(rim) // 4 else off + none), dent
 
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextvars import copy_context
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from .moving import HEAD, AtHand, Head, still_scene
 from .pieces import in_pieces
 from .reasons import Flag, Reason
 from .refine import refined
-from .track import BallSettings, BallTrack, BallTracker, as_track
+from .track import BallSettings, BallTrack, BallTracker, as_track, merged
 from .unknowns import WX, WY, A
 from .validate import LOST, MORE, is_still, validated, without_still_objects
 
@@ -167,7 +167,7 @@ class FilmTracker:
         second = [as_track(list(f)) for f in zip(*found, strict=True)]
         if len(second) == 1 and not self.settings.streak:  # a sticker's remains, where the ball has left
             second = [without_still_objects(second[0], frames, self.settings)]
-        better = [_merged(a, b) for a, b in zip(first, second, strict=True)]
+        better = [_better(a, b) for a, b in zip(first, second, strict=True)]
         return self._refined(better) if len(frames) <= LEARNED[0] or better[0] is not first[0] else better
 
     def _flying(self, track: BallTrack, head: Head) -> BallTrack | None:
@@ -282,7 +282,7 @@ def _stride(i: int) -> int:
     return 1 << max(0, int(math.log2(max(i, 1) / VIEWS)) + 1 if i >= VIEWS else 0)
 
 
-def _merged(first: BallTrack, again: BallTrack) -> BallTrack:
+def _better(first: BallTrack, again: BallTrack) -> BallTrack:
     """A second track where it is about as certain in the first frames (what the scene pulls stands in no sigma of the
     first), with the first's rows where it loses more of these; else the first."""
     look = slice(0, HEAD)
@@ -290,7 +290,4 @@ def _merged(first: BallTrack, again: BallTrack) -> BallTrack:
         return first
     if np.count_nonzero(again.flag[look] != "") <= np.count_nonzero(first.flag[look] != ""):
         return again
-    lost = again.flag != ""
-    rows = {f.name: (getattr(first, f.name), getattr(again, f.name)) for f in fields(first) if f.name != "notes"}
-    both = {k: np.where(lost, a, b) for k, (a, b) in rows.items() if a is not None and b is not None}
-    return replace(again, **both)
+    return merged(again, first, again.flag != "")

@@ -11,12 +11,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.base.arrays import Array
 from jumpvision.films.frames.base import Frames
 
 from .background import View
 from .measure import DiscMeasure, Found, Start
-from .moving import HOLE, AtHand
+from .moving import HOLE, AtHand, led
 from .track import BallTrack
 from .unknowns import A, B
 
@@ -49,14 +48,14 @@ def seen_beside(track: BallTrack, frames: Frames, polarity: str, before: Ints, a
 def _apart(track: BallTrack, other: Ints, j: int) -> bool:
     """Whether the thing of the rows `other`, led to frame j, is not at the track's own place."""
     d = float(np.median(track.diameter[other]))
-    x, y = (_led(other, values[other], j) for values in (track.x, track.y))
+    x, y = (float(led(other, values[other], j)) for values in (track.x, track.y))
     return math.hypot(x - track.x[j], y - track.y[j]) >= APART * d
 
 
 def _is_there(track: BallTrack, frames: Frames, polarity: str, other: Ints, j: int) -> bool:
     """Whether the thing of the rows `other`, led to frame j, is seen there."""
     d = float(np.median(track.diameter[other]))
-    x, y = (_led(other, values[other], j) for values in (track.x, track.y))
+    x, y = (float(led(other, values[other], j)) for values in (track.x, track.y))
     view = frames.view(j) if isinstance(frames, AtHand) else View.of(np.asarray(frames[j]))
     if not (0.5 * d < x < view.shape[1] - 0.5 * d and 0.5 * d < y < view.shape[0] - 0.5 * d):
         return False
@@ -67,11 +66,6 @@ def _is_there(track: BallTrack, frames: Frames, polarity: str, other: Ints, j: i
         return True
     usual = abs(float(np.median(track.contrast[other])))
     return 1 / ALIKE < abs(float(found.fit.p[A] - found.fit.p[B])) / usual < ALIKE
-
-
-def _led(rows: Ints, values: Array, j: int) -> float:
-    """The parabola through the values, or the line where there are two, in frame j."""
-    return float(np.polyval(np.polyfit(rows - rows[0], values, min(2, rows.size - 1)), j - rows[0]))
 
 
 def ball_at(view: View, x: float, y: float, d: float, polarity: str) -> Found | None:

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from jumpvision.base.arrays import MAD, Float32, Image
+from jumpvision.base.arrays import MAD, Array, Float32, Image
 from jumpvision.base.threads import shared
 from jumpvision.films.frames.base import Frames
 
@@ -34,6 +34,7 @@ CONTRASTS = 1.8
 FAR, LEAST = 2.0, 4  # diameters and spots of a path, no less
 HOLE = 6  # frames that a path may be hidden for
 LED, MOST_LED = 5, 8  # spots whose parabola leads over a hole, at least and at most
+MET = 3  # spots at an end of a path that may be another ball's, where two met: they are beside each other no longer
 BENT, STEP = 0.35, 0.8  # a third point off the line of two by this part of the speed and diameters
 BESIDE, SIZE, TOLD = 1.5, 0.3, 0.1  # diameters, square diameters, share of the frames: motion that is not the ball's
 
@@ -216,6 +217,7 @@ def _joined(kept: list[Path]) -> list[Path]:
 
 
 def _near(path: Path, s: Spot) -> bool:
+    """Whether a path leads to a spot, to half a diameter."""
     return math.dist(led_to(path, s.i), (s.x, s.y)) < 0.5 * s.d
 
 
@@ -223,14 +225,11 @@ def _own(path: Path, kept: Sequence[Path]) -> Path:
     """Without spots at its ends that are off its own way and on another's: two balls that met."""
     for turn in (1, -1):
         way = path[::turn]
-        for cut in (1, 2, 3):
+        for cut in range(1, MET + 1):
             s, rest = way[cut - 1], way[cut:]
-            if len(rest) >= LED and math.dist(led_to(rest, s.i), (s.x, s.y)) > 0.5 * s.d:
-                others = ([o for o in p if (o.i - s.i) * turn > 0] for p in kept if p[0] is not path[0])
-                if any(
-                    len(p) >= LED and like(p[0], s) and math.dist(led_to(p, s.i), (s.x, s.y)) < 0.5 * s.d
-                    for p in others
-                ):
+            if len(rest) >= LED and not _near(rest, s):
+                others = (tuple(o for o in p if (o.i - s.i) * turn > 0) for p in kept if p[0] is not path[0])
+                if any(len(p) >= LED and like(p[0], s) and _near(p, s) for p in others):
                     path = rest[::turn]
     return path
 
@@ -288,9 +287,14 @@ def led_to(path: Sequence[Spot], i: int) -> tuple[float, float]:
     near = sorted(path, key=lambda s: abs(s.i - i))[:MOST_LED]
     if len(near) < LED:
         return at(path, i)
-    t = np.array([s.i - i for s in near], dtype=float)
-    x, y = (np.polyfit(t, [getattr(s, k) for s in near], 2)[2] for k in "xy")
+    x, y = led([s.i for s in near], [(s.x, s.y) for s in near], i)
     return float(x), float(y)
+
+
+def led(rows: ArrayLike, values: ArrayLike, i: int) -> Array:
+    """The parabola through values (n, ...) in frames `rows` (n,), or the line where there are two, in frame i."""
+    t = np.asarray(rows, float) - i
+    return np.asarray(np.polyfit(t, np.asarray(values, float), min(2, t.size - 1))[-1])
 
 
 def like(a: Spot, b: Spot) -> bool:

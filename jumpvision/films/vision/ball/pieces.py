@@ -15,7 +15,7 @@ from jumpvision.base.arrays import FROM_MAD, Array
 from jumpvision.films.frames.base import Frames
 
 from .identity import seen_beside
-from .moving import BENT, HOLE, STEP, head_rows
+from .moving import BENT, HOLE, STEP, head_rows, led
 from .track import BallTrack
 
 Ints = NDArray[np.int64]
@@ -243,8 +243,7 @@ def _led_over(good: Ints, at: Array, d: float, linked: NDArray[np.bool_]) -> NDA
         for rows, to in ((np.arange(k + 1 - LED, k + 1), k + 1), (np.arange(k + 1, k + 1 + LED), k)):
             if rows[0] < 0 or rows[-1] >= good.size or not linked[rows[0] : rows[-1]].all():
                 continue
-            led = np.polyval(np.polyfit(good[rows] - good[to], at[rows], 2)[2:], 0.0)
-            out[k] |= bool(np.hypot(*(led - at[to])) < SAME * d)
+            out[k] |= bool(np.hypot(*(led(good[rows], at[rows], good[to]) - at[to])) < SAME * d)
     return out
 
 

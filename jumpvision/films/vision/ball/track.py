@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -88,6 +88,13 @@ def track_ball(images: Iterable[NDArray[np.generic]], **settings: Any) -> BallTr
             raise ValueError(f"images[{i}] has shape {np.shape(image)}: must be (row, column); convert colour to grey")
         found.append(tracker.step(View.of(np.asarray(image))))
     return as_track(found)
+
+
+def merged(track: BallTrack, other: BallTrack, rows: NDArray[np.bool_]) -> BallTrack:
+    """A track with these rows (n,) of another in the place of its own; its notes."""
+    both = {f.name: (getattr(track, f.name), getattr(other, f.name)) for f in fields(track) if f.name != "notes"}
+    values = {k: np.where(rows, b, a) for k, (a, b) in both.items() if a is not None and b is not None}
+    return replace(track, **values)
 
 
 def as_track(found: Sequence[Found]) -> BallTrack:

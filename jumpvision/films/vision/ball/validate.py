@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -35,7 +35,7 @@ from .moving import (
 )
 from .pieces import in_pieces, without
 from .reasons import COVERED, Flag, Reason
-from .track import BallSettings, BallTrack, BallTracker, as_track
+from .track import BallSettings, BallTrack, BallTracker, as_track, merged
 from .unknowns import A, B
 
 USUAL, ON_PATH = 1.25, 0.4  # largest ratio of contrasts along a path; diameters off it
@@ -280,22 +280,16 @@ def _stands(track: BallTrack, look: slice, d: float) -> bool:
 def _to_click(moving: BallTrack, track: BallTrack, path: Path) -> BallTrack:
     """With the rows before a path that leads back to the click where it leads: by what follows the path, else by the
     track from the click; no others."""
-    both = (moving, track)
-    which = np.zeros(len(moving.flag), int)
-    flag = moving.flag.astype(object)
-    for i in range(path[0].i):
-        x, y = led_to(path, i)
-        near = [not t.flag[i] and math.hypot(t.x[i] - x, t.y[i] - y) < 0.5 * path[0].d for t in both]
-        which[i] = int(near[1] and not near[0])
-        if not any(near) and not moving.flag[i]:
-            flag[i] = str(Flag(Reason.OTHER_BALL))
-        elif which[i]:
-            flag[i] = ""
-    values = {
-        f.name: tuple(getattr(t, f.name) for t in both) for f in fields(moving) if f.name not in ("flag", "notes")
-    }
-    taken = {k: np.where(which == 1, b, a) for k, (a, b) in values.items() if a is not None and b is not None}
-    return without(replace(moving, **taken), flag)
+    early = range(path[0].i)
+    way = [led_to(path, i) for i in early]
+    ours, theirs = (
+        np.array([not t.flag[i] and math.dist((t.x[i], t.y[i]), way[i]) < 0.5 * path[0].d for i in early] or [], bool)
+        for t in (moving, track)
+    )
+    taken, gone = np.zeros((2, len(moving.flag)), bool)
+    taken[early], gone[early] = theirs & ~ours, ~theirs & ~ours & (moving.flag[early] == "")
+    both = merged(moving, track, taken)
+    return without(both, np.where(gone, str(Flag(Reason.OTHER_BALL)), both.flag).astype(object))
 
 
 def _elsewhere(track: BallTrack, path: Path) -> bool:
