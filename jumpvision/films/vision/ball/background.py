@@ -57,6 +57,7 @@ class SceneSum:
         self._hidden: NDArray[np.int64] = np.zeros((0, 0), dtype=np.int64)
         self._views = 0
         self._greys: list[float] = []
+        self._first: Background | None = None
 
     def add(self, image: Image, balls: Iterable[tuple[float, float, float]], grey: float) -> None:
         """One view: image (row, column), x, y, diameter [px] of every ball in it, and the grey of the first."""
@@ -74,6 +75,10 @@ class SceneSum:
         """Whether every pixel has been seen often enough."""
         return self._views >= LEAST_VIEWS and int(self._hidden.max()) <= self._views - LEAST_VIEWS
 
+    def settle(self) -> None:
+        """What is known by now stays as it is; later views tell only what is not."""
+        self._first = self.background()
+
     def background(self) -> Background | None:
         """None where too little of the scene is ever seen to be of use."""
         if self._total is None or not self._greys or self._views < LEAST_VIEWS:
@@ -82,6 +87,8 @@ class SceneSum:
         at = np.nonzero(self._hidden)
         seen = self._views - self._hidden[at]
         scene[at] = np.where(seen >= LEAST_VIEWS, self._total[at] / np.maximum(seen, 1), np.nan)
+        if (first := self._first) is not None:
+            return Background(np.where(np.isnan(first.scene), scene, first.scene), first.level, first.ball)
         known = scene[~np.isnan(scene)]
         if not known.size:
             return None

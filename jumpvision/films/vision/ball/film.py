@@ -16,7 +16,7 @@ from jumpvision.films.frames.base import Frames
 
 from .background import Background, SceneSum, View, Window
 from .measure import AS_THEY_ARE, Block, Found, window_half
-from .moving import HEAD, AtHand, Head, still_scene
+from .moving import HEAD, AtHand, Head, head_end, still_scene
 from .pieces import in_pieces
 from .reasons import Flag, Reason
 from .refine import refined
@@ -62,7 +62,7 @@ class Samples:
     def see(self, i: int, image: Image, found: Found) -> None:
         """Frame i, where the ball was found."""
         if not found.flag:
-            self._end = min(self._end, i + HEAD)
+            self._end = min(self._end, head_end(i))
         if i >= self._end:
             return
         most = min(SAMPLES, KEPT // max(1, image.nbytes))
@@ -132,6 +132,8 @@ class FilmTracker:
             self._scene.add(image, [(f.x, f.y, f.diameter + _streak(f)) for f in found], float(found[0].p[A]))
         if i + 1 >= LEARNED[1] or (i + 1 >= LEARNED[0] and self._scene.covered):
             self._learning, self._behind = False, self._scene.background()
+        elif i + 1 == HEAD:
+            self._scene.settle()
 
     def finish(self, frames: Frames) -> list[BallTrack]:
         """The tracks, the first ball's first. frames: the same film, for what was not kept of it."""

@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.films.frames.base import Frames
+from jumpvision.films.parameters import SMALLEST_BALL
 
 from .background import View
 from .measure import DiscMeasure, Found, Start
 from .moving import HOLE, AtHand, led
+from .search import find_blobs
 from .track import BallTrack
 from .unknowns import A, B
 
@@ -23,6 +25,7 @@ Ints = NDArray[np.int64]
 LED, ASKED = 5, 3  # rows that lead on; frames that are asked
 LONGEST = 16  # rows from the hole on that may be
 APART, NEAR = 0.9, 0.4  # diameters: two balls; a ball that is where it was led to
+STAYS = 0.2  # diameters: what stands
 ALIKE = 1.4  # ratio of contrasts
 
 
@@ -43,6 +46,25 @@ def seen_beside(track: BallTrack, frames: Frames, polarity: str, before: Ints, a
         if seen and len(seen) >= min(2, own.size):
             return seen[0]
     return None
+
+
+def only_one(track: BallTrack, frames: Frames, polarity: str, one: int, two: int) -> bool:
+    """Whether in two frames next to each other the track's rows are the only balls of their like, but for what stands
+    in both: one ball then, however it moved."""
+    seen = []
+    for i in (one, two):
+        image, d = np.asarray(frames[i]), float(track.diameter[i])
+        blobs = find_blobs(image, diameter=d, polarity=polarity, min_diameter=SMALLEST_BALL, streak=False)
+        fits = (ball_at(View.of(image), b.x, b.y, d, polarity) for b in blobs)
+        usual = math.nan if track.contrast is None else abs(float(track.contrast[i]))
+        like = [f for f in fits if f and f.fit and not abs(math.log(abs(f.fit.p[A] - f.fit.p[B]) / usual)) > math.log(ALIKE)]
+        seen.append([(f.x, f.y) for f in like])
+    for i, here, there in ((one, *seen), (two, *seen[::-1])):
+        d = float(track.diameter[i])
+        moved = [p for p in here if all(math.dist(p, q) > STAYS * d for q in there)]
+        if not moved or any(math.hypot(x - track.x[i], y - track.y[i]) > NEAR * d for x, y in moved):
+            return False
+    return True
 
 
 def _apart(track: BallTrack, other: Ints, j: int) -> bool:

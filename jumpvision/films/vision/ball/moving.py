@@ -26,7 +26,7 @@ from .search import find_blobs
 from .unknowns import A, B
 
 SAMPLED = 41  # frames of which the scene is the median
-HEADS = (60, 150, 400)  # frames from the first that decide how a film is followed, see `heads`
+HEADS = (60, 100, 400)  # frames from the first that decide how a film is followed, see `heads`
 HEAD = HEADS[1]
 MOST_FRAMES = HEADS[-1]
 ALIKE = 1.3  # largest ratio of diameters along a path, and CONTRASTS of contrasts
@@ -91,9 +91,15 @@ def heads(frames: Frames) -> list[Head]:
     return [Head(frames, n) for k, n in enumerate(HEADS) if k == 0 or len(frames) > HEADS[k - 1]]
 
 
+def head_end(first: int) -> int:
+    """The frame before which a track's rows decide on all, by its first good one: HEAD, whatever the film's length, or
+    so many later where the ball is found late."""
+    return HEAD if first < HEAD // 2 else first + HEAD
+
+
 def head_rows(good: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Of a track's good rows those of its first HEAD frames, which decide on all: a longer film has the same."""
-    return good[good < good[0] + HEAD]
+    """Of a track's good rows those that decide on all, see `head_end`."""
+    return good[good < head_end(int(good[0]))]
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from jumpvision.base.arrays import FROM_MAD, Array
 from jumpvision.films.frames.base import Frames
 
-from .identity import seen_beside
+from .identity import only_one, seen_beside
 from .moving import BENT, HOLE, STEP, head_rows, led
 from .track import BallTrack
 
 Ints = NDArray[np.int64]
 LED = 4  # rows that lead over a hole
+FEW = 2  # rows that are no way
 KNOWN = 60  # rows by which a piece after the first is judged
 SHORT, DRIFT = 15, 5.0  # rows, px: a piece that is no longer and drifts less stands
 SHARP, MOST = (0.5, 4.0), 20  # diameters and medians off a parabola that are asked about; the first of a film
@@ -54,10 +55,11 @@ def in_pieces(track: BallTrack, clicked: bool, frames: Frames | None = None, pol
         for k in order:
             # once another ball was followed, nothing proves which is found next
             why = ALIKE if why.startswith(BESIDE[:20]) or why == ALIKE else way.against(k, last, first and k == 0)
+            piece = way.pieces[k]
             if why:
-                flag[good[way.pieces[k]]] = why
+                flag[good[piece]] = why
             else:
-                last = way.pieces[k]
+                last = np.union1d(last, piece) if piece.size <= FEW else piece
     if way.pieces[main].size == 1 and not first:
         flag[good[way.pieces[main]]] = ALONE
     if (flag == track.flag).all():
@@ -70,6 +72,7 @@ class _Way:
 
     def __init__(self, track: BallTrack, good: Ints, frames: Frames | None, polarity: str):
         self._track, self._good, self._frames, self._polarity = track, good, frames, polarity
+        self._left = MOST  # joints that may be asked about
         self._head = head_rows(good).size  # of the good rows
         self._d = float(np.median(track.diameter[good[: self._head]]))
         self._at = np.stack([track.x[good], track.y[good]], axis=1)
@@ -108,14 +111,15 @@ class _Way:
     def against(self, k: int, last: Ints, clicked: bool) -> str:
         """Why piece k is not of the ball that the piece `last` is of; empty where nothing says so."""
         p = self.pieces[k]
-        if not clicked and (p.size == 1 or (p.size == 2 and self._reach[k] > SAME * self._d)):  # no two are a way
+        before, after = (last, p) if p[0] > last[0] else (p, last)
+        few = p.size == 1 or (p.size == FEW and self._reach[k] > SAME * self._d)  # no two are a way
+        if few and not clicked and not self._only(before, after):
             return ALONE
         if why := self._look.other(p[:KNOWN]):
             return why
-        before, after = (last, p) if p[0] > last[0] else (p, last)
         between = self._track.flag[self._good[before[-1]] + 1 : self._good[after[0]]]
         short = p.size <= SHORT or any("left the image" in f for f in between)
-        if short and self._reach[k] < DRIFT and not clicked:
+        if short and not few and self._reach[k] < DRIFT and not clicked:
             return STANDS.format(p.size)
         if any("alike" in f for f in between):
             return ALIKE
@@ -133,6 +137,14 @@ class _Way:
         least = max(SHARP[0] * self._d, SHARP[1] * float(np.median(sharp[: self._head])))
         asked = linked & ((sharp > least) | (np.diff(self._good) > 1))
         return [int(k) for k in np.flatnonzero(asked)[:MOST]]
+
+    def _only(self, before: Ints, after: Ints) -> bool:
+        """Whether two pieces are next to each other, and no other ball is seen at the joint."""
+        one, two = int(self._good[before[-1]]), int(self._good[after[0]])
+        if self._frames is None or two - one > 1 or self._left == 0:
+            return False
+        self._left -= 1
+        return only_one(self._track, self._frames, self._polarity, one, two)
 
     def _beside(self, before: Ints, after: Ints) -> int | None:
         if self._frames is None:
