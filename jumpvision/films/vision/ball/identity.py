@@ -42,9 +42,14 @@ def seen_beside(track: BallTrack, frames: Frames, polarity: str, before: Ints, a
         asked = [j for j in near if _apart(track, other, j)][:ASKED]  # before they met
         if len(near) > 1 and not asked and other.size == LED:  # it leads onto the other's rows: the same
             return None
-        seen = [j for j in asked if _is_there(track, frames, polarity, other, j)]
-        if seen and len(seen) >= min(2, own.size):
-            return seen[0]
+        needed, seen = min(2, own.size), []
+        for k, j in enumerate(sorted(asked)):  # a film is read forwards
+            if len(seen) + len(asked) - k < needed:
+                break
+            if _is_there(track, frames, polarity, other, j):
+                seen.append(j)
+        if seen and len(seen) >= needed:
+            return seen[0] if own is after else seen[-1]
     return None
 
 
@@ -81,16 +86,34 @@ def _is_there(track: BallTrack, frames: Frames, polarity: str, other: Ints, j: i
     view = frames.view(j) if isinstance(frames, AtHand) else View.of(np.asarray(frames[j]))
     if not (0.5 * d < x < view.shape[1] - 0.5 * d and 0.5 * d < y < view.shape[0] - 0.5 * d):
         return False
-    found = ball_at(view, x, y, d, polarity)
+    usual = None if track.contrast is None else abs(float(np.median(track.contrast[other])))
+    found = ball_at(view, x, y, d, polarity, usual)
     if found is None or found.fit is None:
         return False
-    if track.contrast is None:
+    if usual is None:
         return True
-    usual = abs(float(np.median(track.contrast[other])))
     return 1 / ALIKE < abs(float(found.fit.p[A] - found.fit.p[B])) / usual < ALIKE
 
 
-def ball_at(view: View, x: float, y: float, d: float, polarity: str) -> Found | None:
-    """What is fitted there as a ball, None where nothing is."""
+def ball_at(
+    view: View, x: float, y: float, d: float, polarity: str, contrast: float | None = None
+) -> Found | None:
+    """What is fitted there as a ball, None where nothing is. contrast: of the ball it may be, where that is known: what
+    differs far less from what is around it is not fitted at all, which takes long where there is no ball."""
+    if contrast is not None and not _differs(view, x, y, d, polarity, contrast):
+        return None
     found = DiscMeasure(d, polarity, False).measure(view, Start(x, y, d, 0.0, 0.0, True), fresh=True)
     return found if not found.flag and math.hypot(found.x - x, found.y - y) < NEAR * d else None
+
+
+def _differs(view: View, x: float, y: float, d: float, polarity: str, contrast: float) -> bool:
+    """Whether a third of the disc is half as bright (or dark) against the darkest (brightest) quarter around it as a
+    ball of that contrast. Half of a disc lies on a ball that is NEAR."""
+    x0, y0 = max(0, int(x - d)), max(0, int(y - d))
+    part = np.asarray(view.part(y0, int(y + d) + 2, x0, int(x + d) + 2), dtype=np.float64)
+    part = part if polarity == "bright" else -part
+    r = np.hypot(np.arange(part.shape[1]) + x0 - x, (np.arange(part.shape[0]) + y0 - y)[:, None]) / d
+    inside, around = part[r < 0.5], part[(r > 0.6) & (r < 1.0)]
+    if min(inside.size, around.size) < 4:
+        return True
+    return bool(np.mean(inside - np.quantile(around, 0.25) > 0.5 * contrast / ALIKE) > 1 / 3)

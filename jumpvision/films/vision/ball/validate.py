@@ -242,9 +242,10 @@ def _without_ball(
     away = at_hand if at_hand.size >= ASKED else away
     if not away.size:
         return None
+    usual = None if track.contrast is None else abs(float(np.median(track.contrast[judged])))
     here: Found | None = None
     for g in away[np.unique(np.linspace(0, away.size - 1, min(ASKED, away.size)).astype(int))]:
-        there = ball_at(View.of(kept[int(g)]), x, y, d, polarity)
+        there = ball_at(View.of(kept[int(g)]), x, y, d, polarity, usual)
         if there is None:
             return None
         if here is None:
