@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections import deque
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextvars import copy_context
@@ -17,7 +19,7 @@ from jumpvision.films.frames.base import Frames
 from .background import Background, SceneSum, View, Window
 from .measure import AS_THEY_ARE, Block, Found, window_half
 from .moving import HEAD, AtHand, Head, head_end, still_scene
-from .pieces import in_pieces
+from .pieces import SHARP, in_pieces
 from .reasons import Flag, Reason
 from .refine import refined
 from .track import BallSettings, BallTrack, BallTracker, as_track, merged
@@ -32,6 +34,7 @@ MEMORY = 2**28  # bytes of windows kept; frames beyond are read again
 AS_CERTAIN = 1.05  # times the first's median sigma, up to which a second track is taken
 WORTHWHILE = 500  # frames from which on a frame's whole measurement is compiled code's: fewer are done sooner without
 BLOCK = 16  # windows that are measured together without the scene
+BESIDE = 8  # frames on either side of a sharp turn of which more is kept, and steps of the ball by how much more
 FLYING = "no plain disc that moves was found: followed is what is round and flies farthest, as a picture"
 
 
@@ -100,6 +103,8 @@ class FilmTracker:
         if self._scene is not None and not markers and not settings.streak:
             self._kept = []
         self._samples = Samples()
+        self._last: deque[tuple[int, Image, Found]] = deque(maxlen=BESIDE)  # frames in which the ball was found
+        self._turned, self._wide = -BESIDE - 1, -1  # frame of the last sharp turn; last one of which more is kept
         self.shape = (0, 0)
 
     def see(self, image: Image) -> None:
@@ -126,6 +131,8 @@ class FilmTracker:
         if self._scene is None:
             return
         self._windows.append([self._window(image, f) for f in found])
+        if len(found) == 1 and not found[0].flag:
+            self._about_turns(i, image, found[0])
         if not self._learning or i % _stride(i):
             return
         if not any(f.flag for f in found) and found[0].p is not None:
@@ -134,6 +141,21 @@ class FilmTracker:
             self._learning, self._behind = False, self._scene.background()
         elif i + 1 == HEAD:
             self._scene.settle()
+
+    def _about_turns(self, i: int, image: Image, found: Found) -> None:
+        """Keeps more of the frames beside a sharp turn: there it is asked later whether two balls met."""
+        self._last.append((i, image, found))
+        if len(self._last) < 4:
+            return
+        a, b, c, d = [f for *_, f in self._last][-4:]
+        if math.hypot(d.x - 3 * c.x + 3 * b.x - a.x, d.y - 3 * c.y + 3 * b.y - a.y) > SHARP[0] * d.diameter:
+            self._turned = i
+        if i <= self._turned + BESIDE:
+            way = [math.hypot(f.x - e.x, f.y - e.y) for (*_, e), (*_, f) in itertools.pairwise(self._last)]
+            for j, before, f in self._last:
+                if j > self._wide:
+                    self._windows[j] = [self._window(before, f, BESIDE * max(way))]
+            self._wide = i
 
     def finish(self, frames: Frames) -> list[BallTrack]:
         """The tracks, the first ball's first. frames: the same film, for what was not kept of it."""
@@ -241,12 +263,12 @@ class FilmTracker:
             pixels = pixels.astype(np.float64)
         return Block(pixels, corners, np.array(starts))
 
-    def _window(self, image: Image, found: Found) -> Window | None:
-        """A copy of the part of a frame that the ball is measured in."""
+    def _window(self, image: Image, found: Found, more: float = 0.0) -> Window | None:
+        """A copy of the part of a frame that the ball is measured in, and of `more` px around it."""
         if found.flag or found.p is None:
             return None
         p = found.p
-        half_x, half_y = (math.ceil(window_half(found.diameter) + 0.5 * abs(p[w])) + 2 for w in (WX, WY))
+        half_x, half_y = (math.ceil(window_half(found.diameter) + 0.5 * abs(p[w]) + more) + 2 for w in (WX, WY))
         x0, y0 = max(0, int(found.x) - half_x), max(0, int(found.y) - half_y)
         part = image[y0 : int(found.y) + half_y + 1, x0 : int(found.x) + half_x + 1]
         self._room -= part.nbytes

@@ -38,15 +38,20 @@ def seen_beside(track: BallTrack, frames: Frames, polarity: str, before: Ints, a
         if other.size < 2:
             continue
         far = HOLE + ASKED if other.size > 2 else ASKED  # a line bends
-        near = [int(j) for j in own[:LONGEST] if np.min(np.abs(other - j)) <= far]
-        asked = [j for j in near if _apart(track, other, j)][:ASKED]  # before they met
-        if len(near) > 1 and not asked and other.size == LED:  # it leads onto the other's rows: the same
+        near = own[:LONGEST][np.min(np.abs(own[:LONGEST, None] - other), axis=1) <= far]
+        d = float(np.median(track.diameter[other]))
+        x, y = (led(other, values[other], near) for values in (track.x, track.y))
+        apart = np.hypot(x - track.x[near], y - track.y[near]) >= APART * d
+        asked = np.flatnonzero(apart)[:ASKED]  # before they met
+        if near.size > 1 and not asked.size and other.size == LED:  # it leads onto the other's rows: the same
             return None
+        usual = None if track.contrast is None else abs(float(np.median(track.contrast[other])))
         needed, seen = min(2, own.size), []
-        for k, j in enumerate(sorted(asked)):  # a film is read forwards
-            if len(seen) + len(asked) - k < needed:
+        for k, a in enumerate(asked[np.argsort(near[asked])]):  # a film is read forwards
+            if len(seen) + asked.size - k < needed:
                 break
-            if _is_there(track, frames, polarity, other, j):
+            j = int(near[a])
+            if _is_there(frames, j, float(x[a]), float(y[a]), d, polarity, usual):
                 seen.append(j)
         if seen and len(seen) >= needed:
             return seen[0] if own is after else seen[-1]
@@ -62,7 +67,9 @@ def only_one(track: BallTrack, frames: Frames, polarity: str, one: int, two: int
         blobs = find_blobs(image, diameter=d, polarity=polarity, min_diameter=SMALLEST_BALL, streak=False)
         fits = (ball_at(View.of(image), b.x, b.y, d, polarity) for b in blobs)
         usual = math.nan if track.contrast is None else abs(float(track.contrast[i]))
-        like = [f for f in fits if f and f.fit and not abs(math.log(abs(f.fit.p[A] - f.fit.p[B]) / usual)) > math.log(ALIKE)]
+        like = [
+            f for f in fits if f and f.fit and not abs(math.log(abs(f.fit.p[A] - f.fit.p[B]) / usual)) > math.log(ALIKE)
+        ]
         seen.append([(f.x, f.y) for f in like])
     for i, here, there in ((one, *seen), (two, *seen[::-1])):
         d = float(track.diameter[i])
@@ -72,32 +79,18 @@ def only_one(track: BallTrack, frames: Frames, polarity: str, one: int, two: int
     return True
 
 
-def _apart(track: BallTrack, other: Ints, j: int) -> bool:
-    """Whether the thing of the rows `other`, led to frame j, is not at the track's own place."""
-    d = float(np.median(track.diameter[other]))
-    x, y = (float(led(other, values[other], j)) for values in (track.x, track.y))
-    return math.hypot(x - track.x[j], y - track.y[j]) >= APART * d
-
-
-def _is_there(track: BallTrack, frames: Frames, polarity: str, other: Ints, j: int) -> bool:
-    """Whether the thing of the rows `other`, led to frame j, is seen there."""
-    d = float(np.median(track.diameter[other]))
-    x, y = (float(led(other, values[other], j)) for values in (track.x, track.y))
+def _is_there(frames: Frames, j: int, x: float, y: float, d: float, polarity: str, usual: float | None) -> bool:
+    """Whether a ball of diameter d and about the usual contrast is seen there in frame j."""
     view = frames.view(j) if isinstance(frames, AtHand) else View.of(np.asarray(frames[j]))
     if not (0.5 * d < x < view.shape[1] - 0.5 * d and 0.5 * d < y < view.shape[0] - 0.5 * d):
         return False
-    usual = None if track.contrast is None else abs(float(np.median(track.contrast[other])))
     found = ball_at(view, x, y, d, polarity, usual)
     if found is None or found.fit is None:
         return False
-    if usual is None:
-        return True
-    return 1 / ALIKE < abs(float(found.fit.p[A] - found.fit.p[B])) / usual < ALIKE
+    return usual is None or 1 / ALIKE < abs(float(found.fit.p[A] - found.fit.p[B])) / usual < ALIKE
 
 
-def ball_at(
-    view: View, x: float, y: float, d: float, polarity: str, contrast: float | None = None
-) -> Found | None:
+def ball_at(view: View, x: float, y: float, d: float, polarity: str, contrast: float | None = None) -> Found | None:
     """What is fitted there as a ball, None where nothing is. contrast: of the ball it may be, where that is known: what
     differs far less from what is around it is not fitted at all, which takes long where there is no ball."""
     if contrast is not None and not _differs(view, x, y, d, polarity, contrast):

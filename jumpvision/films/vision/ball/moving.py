@@ -297,10 +297,13 @@ def led_to(path: Sequence[Spot], i: int) -> tuple[float, float]:
     return float(x), float(y)
 
 
-def led(rows: ArrayLike, values: ArrayLike, i: int) -> Array:
-    """The parabola through values (n, ...) in frames `rows` (n,), or the line where there are two, in frame i."""
-    t = np.asarray(rows, float) - i
-    return np.asarray(np.polyfit(t, np.asarray(values, float), min(2, t.size - 1))[-1])
+def led(rows: ArrayLike, values: ArrayLike, i: ArrayLike) -> Array:
+    """The parabola through values (n, ...) in frames `rows` (n,), or the line where there are two, in frame i; in
+    several where the values are numbers."""
+    t = np.asarray(rows, float)
+    middle = t.mean()
+    p = np.polyfit(t - middle, np.asarray(values, float), min(2, t.size - 1))
+    return np.asarray(np.polyval(p, np.asarray(i, float) - middle))
 
 
 def like(a: Spot, b: Spot) -> bool:
