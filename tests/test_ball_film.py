@@ -96,6 +96,19 @@ def test_a_followed_film_is_not_read_again(monkeypatch):
     np.testing.assert_array_equal(kept.flag, read.flag)
 
 
+def test_a_ball_that_bounces_is_not_decoded_again_at_every_bounce():
+    """Whether two balls met there is asked of what was kept of the frames, though it lies outside the ball's window."""
+    rng, k = np.random.default_rng(2), np.arange(160)
+    y = 34.0 + 120.0 * np.abs(np.sin(np.pi * (k - 7) / 40.0))  # up to 9 px a frame, four bounces
+    images = [camera(BACK + CONTRAST * ball_image((190, 84), 40.0, v, D, ss=6)[0], 2.0, rng) for v in y]
+    follower, frames = FilmTracker(settings(), scene=True), Asked(images)
+    for image in images:
+        follower.see(image)
+    (track,) = follower.finish(frames)
+    assert (track.flag == "").all() and np.max(np.hypot(track.x - 40.0, track.y - y)) < 0.1
+    assert len(frames.numbers) < 4, frames.numbers
+
+
 @pytest.mark.parametrize("streak", [False, True])
 def test_frames_followed_in_a_row_are_those_measured_one_by_one(monkeypatch, streak):
     """In front of a texture, behind a bar for some frames, at the picture's edge, through a sudden turn: the compiled

@@ -46,7 +46,8 @@ def seen_beside(track: BallTrack, frames: Frames, polarity: str, before: Ints, a
         if near.size > 1 and not asked.size and other.size == LED:  # it leads onto the other's rows: the same
             return None
         usual = None if track.contrast is None else abs(float(np.median(track.contrast[other])))
-        needed, seen = min(2, own.size), []
+        needed = min(2, own.size)
+        seen: list[int] = []
         for k, a in enumerate(asked[np.argsort(near[asked])]):  # a film is read forwards
             if len(seen) + asked.size - k < needed:
                 break
