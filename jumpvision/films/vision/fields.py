@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Image
 from jumpvision.films.frames.base import Film
@@ -67,9 +68,8 @@ def order_of(frames: Sequence[Image] | Film) -> str:
     at = np.unique(np.linspace(0, n - 2, min(8, n - 1)).astype(int))  # eight places of the film
     thin = slice(None, None, max(1, np.asarray(frames[0]).shape[1] // 640))
     pairs = [[np.asarray(frames[int(k + j)])[:, thin].astype(np.float32) for j in (0, 1)] for k in at]
-    scene = np.median([f for pair in pairs for f in pair], axis=0)
+    moving: list[tuple[Image, Image, NDArray[np.bool_]]] = []
     combs: list[tuple[float, float, float]] = []  # in what moves: between neighbours, in a field; neighbours elsewhere
-    meets, ways = [], []  # by the upper over the lower rows first: combing; how far what moves goes between fields
     for a, b in pairs:
         change = np.abs(a - b)[2:-2]
         moved = change > MOVED * max(1.0, *(float(np.median(change[k::2])) for k in (0, 1)))
@@ -77,6 +77,15 @@ def order_of(frames: Sequence[Image] | Film) -> str:
             continue
         near, far = _combs(a)
         combs.append((float(near[moved].mean()), float(far[moved].mean()), float(near[~moved].mean())))
+        moving.append((a, b, moved))
+    if not combs:
+        return ""
+    inside, across, still = np.mean(combs, axis=0)  # what goes slowly combs little, and weighs little here
+    if inside < max(COMBED * across, 2.0 * still):  # and twice what combs where nothing moves
+        return ""
+    scene = np.median([f for pair in pairs for f in pair], axis=0)
+    meets, ways = [], []  # by the upper over the lower rows first: combing; how far what moves goes between fields
+    for a, b, moved in moving:
         woven = [a.copy(), a.copy()]
         for k in (0, 1):  # the second field of a and the first of b
             woven[k][k::2] = b[k::2]
@@ -84,11 +93,6 @@ def order_of(frames: Sequence[Image] | Film) -> str:
         meets.append(math.log(upper / lower))
         places = [_middle(f - scene, k) for f in (a, b) for k in (0, 1)]
         ways.append((np.hypot(*(places[1] - places[2])), np.hypot(*(places[0] - places[3]))))
-    if not combs:
-        return ""
-    inside, across, still = np.mean(combs, axis=0)  # what goes slowly combs little, and weighs little here
-    if inside < max(COMBED * across, 2.0 * still):  # and twice what combs where nothing moves
-        return ""
     fast = [near > COMBED * far for near, far, _ in combs]
     # logarithm of how much the fields that meet comb by both orders: less does not tell them
     if abs(clear := float(np.median(np.array(meets)[fast]))) > 0.22:
