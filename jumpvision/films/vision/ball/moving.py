@@ -26,7 +26,7 @@ from .search import find_blobs
 from .unknowns import A, B
 
 SAMPLED = 41  # frames of which the scene is the median
-HEADS = (60, 100, 400)  # frames from the first that decide how a film is followed, see `heads`
+HEADS = (60, 100, 200, 400)  # frames from the first that decide how a film is followed, see `heads`
 HEAD = HEADS[1]
 MOST_FRAMES = HEADS[-1]
 ALIKE = 1.3  # largest ratio of diameters along a path, and CONTRASTS of contrasts
