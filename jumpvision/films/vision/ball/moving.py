@@ -20,12 +20,12 @@ from jumpvision.base.arrays import MAD, Array, Float32, Image
 from jumpvision.base.threads import shared
 from jumpvision.films.frames.base import Frames
 
-from .background import View, Window
+from .background import CLEAR, View, Window
 from .measure import DiscMeasure, Found, Start
 from .search import find_blobs
 from .unknowns import A, B
 
-SAMPLED = 41  # frames of which the scene is the median
+SAMPLED, FEWEST = 41, 5  # frames of which the scene is the median; of which one is known
 HEADS = (60, 100, 200, 400)  # frames from the first that decide how a film is followed, see `heads`
 HEAD = HEADS[1]
 MOST_FRAMES = HEADS[-1]
@@ -131,6 +131,19 @@ def _sampled(frames: Frames) -> NDArray[np.int64]:
     """SAMPLED of the first MOST_FRAMES frames: what a longer film shows does not change what a shorter one gave."""
     n = min(len(frames), MOST_FRAMES)
     return np.unique(np.linspace(0, n - 1, min(SAMPLED, n)).astype(int))
+
+
+def behind(frames: Frames, scene: Float32, way: Array, d: float) -> Float32:
+    """A still scene as it is behind a ball of diameter d that goes this way (n, 2) [px]: where it begins and ends it may
+    have stood for so long that the median shows it. There, of the frames with the ball elsewhere; NaN where few are."""
+    out, half = scene.copy(), d + CLEAR
+    for x, y in (way[0], way[-1]):
+        x0, y0 = max(0, int(x - half)), max(0, int(y - half))
+        part = np.s_[y0 : max(0, int(y + half) + 2), x0 : max(0, int(x + half) + 2)]
+        away = [int(i) for i in _sampled(frames) if math.dist(way[i], (x, y)) > half + 0.5 * d]
+        few = len(away) < FEWEST
+        out[part] = np.nan if few else np.median([np.asarray(frames[i])[part] for i in away], axis=0)
+    return out
 
 
 @shared()

@@ -25,6 +25,7 @@ from .moving import (
     Path,
     Spot,
     at,
+    behind,
     elsewhere,
     head_rows,
     heads,
@@ -103,8 +104,7 @@ def _moving(track: BallTrack, frames: Frames, head: Head, settings: BallSettings
         return without(track, np.where(good, WHICH.format(*two), track.flag))
     if not ours or len(ours[0]) < head.least:
         return None
-    # of 12 frames the median is a scene to take out
-    moving = follow(ours[0], frames, settings, scene if len(frames) >= 12 else None)
+    moving = _followed(ours[0], frames, head, settings, scene)
     if seed and len(ours[0]) >= LED and _on_seed(ours[0], seed):
         moving = _to_click(moving, track, ours[0])
     look = slice(0, len(head))
@@ -146,6 +146,25 @@ def is_still(track: BallTrack, look: slice = slice(None)) -> bool:
     return math.hypot(np.ptp(track.x[good]), np.ptp(track.y[good])) < 1.0 * float(np.median(track.diameter[good]))
 
 
+def _followed(path: Path, frames: Frames, head: Head, settings: BallSettings, scene: Float32) -> BallTrack:
+    """The ball of a path in all frames, without the scene behind it; once more where it has stood beside the path."""
+    if len(frames) < 12:  # of 12 frames the median is a scene to take out
+        return follow(path, frames, settings)
+    n, d = len(head), float(np.median([s.d for s in path]))
+    way = np.array([at(path, min(max(i, path[0].i), path[-1].i)) for i in range(n)])
+    moving = follow(path, frames, settings, behind(head, scene, way, d))
+    good = np.flatnonzero(moving.flag[:n] == "")
+    nearest = good[np.argmin(np.abs(np.arange(n)[:, None] - good), axis=1)]
+    now = np.stack([moving.x[nearest], moving.y[nearest]], axis=1)
+    stood = (math.dist(now[k], way[k]) > PLACE * d and _stood(now, k, d) for k in (0, -1))
+    return follow(path, frames, settings, behind(head, scene, now, d)) if any(stood) else moving
+
+
+def _stood(way: Array, k: int, d: float) -> bool:
+    """Whether a ball is near its place in row k of its way (n, 2) for a quarter of it: a median may show it there."""
+    return bool(np.mean(np.hypot(*(way - way[k]).T) < 0.5 * d) > 0.25)
+
+
 def follow(path: Path, frames: Frames, settings: BallSettings, scene: Float32 | None = None) -> BallTrack:
     """The ball in all frames, from a path of it: from its clearest spot on to both ends of the film.
 
@@ -156,12 +175,12 @@ def follow(path: Path, frames: Frames, settings: BallSettings, scene: Float32 | 
     known = {s.i: s for s in path if 1 / USUAL < s.contrast / usual < USUAL}
     middle = min(known.values(), key=lambda s: s.found.sigma * s.found.chi2).i
     size = float(np.median([s.d for s in path]))
-    behind: list[Background | None] = [None]
+    scenes: list[Background | None] = [None]
     if scene is not None:
         ball = float(np.median([s.found.fit.p[A] for s in known.values() if s.found.fit is not None]))
-        greys = scene.astype(np.float64), float(np.median(scene)), ball
+        greys = scene.astype(np.float64), float(np.nanmedian(scene)), ball
         # what has the ball's own grey covers its rim; of a ball that rests the scene itself shows it
-        behind = [Background(*greys), Background(*greys, blind=True)]
+        scenes = [Background(*greys), Background(*greys, blind=True)]
     found: dict[int, Found] = {}
     for order in (range(middle, -1, -1), range(middle, len(frames))):
         tracker = BallTracker(replace(settings, seed=None, diameter=settings.diameter or size))
@@ -169,7 +188,7 @@ def follow(path: Path, frames: Frames, settings: BallSettings, scene: Float32 | 
         for i in order:
             image = np.asarray(frames[i])
             views = [
-                View((image.shape[0], image.shape[1]), whole=partial(frames.__getitem__, i), scene=b) for b in behind
+                View((image.shape[0], image.shape[1]), whole=partial(frames.__getitem__, i), scene=b) for b in scenes
             ]
             found[i] = _next(tracker, views, path, i, known.get(i))
     return as_track([found[i] for i in range(len(frames))])
