@@ -49,16 +49,14 @@ def seen_beside(track: BallTrack, frames: Frames, polarity: str, before: Ints, a
 
 
 def only_one(track: BallTrack, frames: Frames, polarity: str, one: int, two: int) -> bool:
-    """Whether in two frames next to each other the track's rows are the only balls of their like, but for what stands
-    in both: one ball then, however it moved."""
+    """Whether in two frames near each other the track's rows are the only balls of their like, but for what stands in
+    both: one ball then, however it moved."""
     seen = []
     for i in (one, two):
         image, d = np.asarray(frames[i]), float(track.diameter[i])
         blobs = find_blobs(image, diameter=d, polarity=polarity, min_diameter=SMALLEST_BALL, streak=False)
         fits = (ball_at(View.of(image), b.x, b.y, d, polarity) for b in blobs)
-        usual = math.nan if track.contrast is None else abs(float(track.contrast[i]))
-        like = [f for f in fits if f and f.fit and not abs(math.log(abs(f.fit.p[A] - f.fit.p[B]) / usual)) > math.log(ALIKE)]
-        seen.append([(f.x, f.y) for f in like])
+        seen.append([(f.x, f.y) for f in fits if f is not None and _is_like(track, np.array([i]), f)])
     for i, here, there in ((one, *seen), (two, *seen[::-1])):
         d = float(track.diameter[i])
         moved = [p for p in here if all(math.dist(p, q) > STAYS * d for q in there)]
@@ -82,11 +80,14 @@ def _is_there(track: BallTrack, frames: Frames, polarity: str, other: Ints, j: i
     if not (0.5 * d < x < view.shape[1] - 0.5 * d and 0.5 * d < y < view.shape[0] - 0.5 * d):
         return False
     found = ball_at(view, x, y, d, polarity)
-    if found is None or found.fit is None:
-        return False
-    if track.contrast is None:
-        return True
-    usual = abs(float(np.median(track.contrast[other])))
+    return found is not None and _is_like(track, other, found)
+
+
+def _is_like(track: BallTrack, rows: Ints, found: Found) -> bool:
+    """Whether a ball has the contrast of the track's rows, as far as that is known."""
+    if found.fit is None or track.contrast is None:
+        return found.fit is not None
+    usual = abs(float(np.median(track.contrast[rows])))
     return 1 / ALIKE < abs(float(found.fit.p[A] - found.fit.p[B])) / usual < ALIKE
 
 

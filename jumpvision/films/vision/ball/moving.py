@@ -134,8 +134,9 @@ def _sampled(frames: Frames) -> NDArray[np.int64]:
 
 
 def behind(frames: Frames, scene: Float32, way: Array, d: float) -> Float32:
-    """A still scene as it is behind a ball of diameter d that goes this way (n, 2) [px]: where it begins and ends it may
-    have stood for so long that the median shows it. There, of the frames with the ball elsewhere; NaN where few are."""
+    """A still scene as it is behind a ball of diameter d on this way (n, 2) [px]: where it begins and ends it may have
+    stood for so long that the median shows it. There, of the frames with the ball elsewhere; NaN where these are few.
+    """
     out, half = scene.copy(), d + CLEAR
     for x, y in (way[0], way[-1]):
         x0, y0 = max(0, int(x - half)), max(0, int(y - half))
@@ -242,12 +243,13 @@ def _near(path: Path, s: Spot) -> bool:
 
 def _own(path: Path, kept: Sequence[Path]) -> Path:
     """Without spots at its ends that are off its own way and on another's: two balls that met."""
+    beside = [p for p in kept if p is not path]
     for turn in (1, -1):
         way = path[::turn]
         for cut in range(1, MET + 1):
             s, rest = way[cut - 1], way[cut:]
             if len(rest) >= LED and not _near(rest, s):
-                others = (tuple(o for o in p if (o.i - s.i) * turn > 0) for p in kept if p[0] is not path[0])
+                others = (tuple(o for o in p if (o.i - s.i) * turn > 0) for p in beside)
                 if any(len(p) >= LED and like(p[0], s) and _near(p, s) for p in others):
                     path = rest[::turn]
     return path

@@ -299,14 +299,11 @@ def _stands(track: BallTrack, look: slice, d: float) -> bool:
 def _to_click(moving: BallTrack, track: BallTrack, path: Path) -> BallTrack:
     """With the rows before a path that leads back to the click where it leads: by what follows the path, else by the
     track from the click; no others."""
-    early = range(path[0].i)
-    way = [led_to(path, i) for i in early]
-    ours, theirs = (
-        np.array([not t.flag[i] and math.dist((t.x[i], t.y[i]), way[i]) < 0.5 * path[0].d for i in early] or [], bool)
-        for t in (moving, track)
-    )
+    n, d = path[0].i, path[0].d
+    way = np.array([led_to(path, i) for i in range(n)]).reshape(n, 2)
+    ours, theirs = (np.hypot(t.x[:n] - way[:, 0], t.y[:n] - way[:, 1]) < 0.5 * d for t in (moving, track))  # NaN: not
     taken, gone = np.zeros((2, len(moving.flag)), bool)
-    taken[early], gone[early] = theirs & ~ours, ~theirs & ~ours & (moving.flag[early] == "")
+    taken[:n], gone[:n] = theirs & ~ours, ~theirs & ~ours & (moving.flag[:n] == "")
     both = merged(moving, track, taken)
     return without(both, np.where(gone, str(Flag(Reason.OTHER_BALL)), both.flag).astype(object))
 

@@ -190,7 +190,7 @@ def _everywhere(frames: Frames, scene: Float32, path: Path, layer: Layer, known:
     middle = sorted(known)[len(known) // 2]
     for order in (range(middle, len(frames)), range(middle - 1, -1, -1)):
         last, gap, gone = known[middle], 1, False
-        recent: list[Spot] = [s for s in path if (s.i - middle) * order.step <= 0][:: order.step][-3:]
+        recent: list[Spot] = [s for s in path if (s.i - order.start) * order.step < 0][:: order.step][-3:]
         for i in order:
             image = np.asarray(frames[i])
             if i in spots:
