@@ -45,7 +45,7 @@ def seen_beside(track: BallTrack, frames: Frames, polarity: str, before: Ints, a
         asked = np.flatnonzero(apart)[:ASKED]  # before they met
         if near.size > 1 and not asked.size and other.size == LED:  # it leads onto the other's rows: the same
             return None
-        usual = None if track.contrast is None else abs(float(np.median(track.contrast[other])))
+        usual = usual_contrast(track, other)
         needed = min(2, own.size)
         seen: list[int] = []
         for k, a in enumerate(asked[np.argsort(near[asked])]):  # a film is read forwards
@@ -60,19 +60,17 @@ def seen_beside(track: BallTrack, frames: Frames, polarity: str, before: Ints, a
 
 
 def only_one(track: BallTrack, frames: Frames, polarity: str, one: int, two: int) -> bool:
-    """Whether in two frames next to each other the track's rows are the only balls of their like, but for what stands
-    in both: one ball then, however it moved."""
+    """Whether in two frames near each other the track's rows are the only balls of their like, but for what stands in
+    both: one ball then, however it moved."""
     seen = []
     for i in (one, two):
         image, d = np.asarray(frames[i]), float(track.diameter[i])
         blobs = find_blobs(image, diameter=d, polarity=polarity, min_diameter=SMALLEST_BALL, streak=False)
-        fits = (ball_at(View.of(image), b.x, b.y, d, polarity) for b in blobs)
-        usual = math.nan if track.contrast is None else abs(float(track.contrast[i]))
-        like = [
-            f for f in fits if f and f.fit and not abs(math.log(abs(f.fit.p[A] - f.fit.p[B]) / usual)) > math.log(ALIKE)
-        ]
-        seen.append([(f.x, f.y) for f in like])
-    for i, here, there in ((one, *seen), (two, *seen[::-1])):
+        usual = usual_contrast(track, np.array([i]))
+        fits = (ball_at(View.of(image), b.x, b.y, d, polarity, usual) for b in blobs)
+        seen.append([(f.x, f.y) for f in fits if f is not None and _is_like(f, usual)])
+    first, second = seen
+    for i, here, there in ((one, first, second), (two, second, first)):
         d = float(track.diameter[i])
         moved = [p for p in here if all(math.dist(p, q) > STAYS * d for q in there)]
         if not moved or any(math.hypot(x - track.x[i], y - track.y[i]) > NEAR * d for x, y in moved):
@@ -86,9 +84,19 @@ def _is_there(frames: Frames, j: int, x: float, y: float, d: float, polarity: st
     if not (0.5 * d < x < view.shape[1] - 0.5 * d and 0.5 * d < y < view.shape[0] - 0.5 * d):
         return False
     found = ball_at(view, x, y, d, polarity, usual)
-    if found is None or found.fit is None:
-        return False
-    return usual is None or 1 / ALIKE < abs(float(found.fit.p[A] - found.fit.p[B])) / usual < ALIKE
+    return found is not None and _is_like(found, usual)
+
+
+def usual_contrast(track: BallTrack, rows: Ints) -> float | None:
+    """That of the track's rows, where it is known."""
+    return None if track.contrast is None else abs(float(np.median(track.contrast[rows])))
+
+
+def _is_like(found: Found, usual: float | None) -> bool:
+    """Whether a ball has about the usual contrast, as far as that is known."""
+    if found.fit is None or usual is None:
+        return found.fit is not None
+    return 1 / ALIKE < abs(float(found.fit.p[A] - found.fit.p[B])) / usual < ALIKE
 
 
 def ball_at(view: View, x: float, y: float, d: float, polarity: str, contrast: float | None = None) -> Found | None:

@@ -20,13 +20,13 @@ from jumpvision.base.arrays import MAD, Array, Float32, Image
 from jumpvision.base.threads import shared
 from jumpvision.films.frames.base import Frames
 
-from .background import View, Window
+from .background import CLEAR, View, Window
 from .measure import DiscMeasure, Found, Start
 from .search import find_blobs
 from .unknowns import A, B
 
-SAMPLED = 41  # frames of which the scene is the median
-HEADS = (60, 100, 400)  # frames from the first that decide how a film is followed, see `heads`
+SAMPLED, FEWEST = 41, 5  # frames of which the scene is the median; of which one is known
+HEADS = (60, 100, 200, 400)  # frames from the first that decide how a film is followed, see `heads`
 HEAD = HEADS[1]
 MOST_FRAMES = HEADS[-1]
 ALIKE = 1.3  # largest ratio of diameters along a path, and CONTRASTS of contrasts
@@ -133,6 +133,20 @@ def _sampled(frames: Frames) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, n - 1, min(SAMPLED, n)).astype(int))
 
 
+def behind(frames: Frames, scene: Float32, way: Array, d: float) -> Float32:
+    """A still scene as it is behind a ball of diameter d on this way (n, 2) [px]: where it begins and ends it may have
+    stood for so long that the median shows it. There, of the frames with the ball elsewhere; NaN where these are few.
+    """
+    out, half = scene.copy(), d + CLEAR
+    for x, y in (way[0], way[-1]):
+        x0, y0 = max(0, int(x - half)), max(0, int(y - half))
+        part = np.s_[y0 : max(0, int(y + half) + 2), x0 : max(0, int(x + half) + 2)]
+        away = [int(i) for i in _sampled(frames) if math.dist(way[i], (x, y)) > half + 0.5 * d]
+        few = len(away) < FEWEST
+        out[part] = np.nan if few else np.median([np.asarray(frames[i])[part] for i in away], axis=0)
+    return out
+
+
 @shared()
 def _medians(first, last, stack, bits, out):  # type: ignore[no-untyped-def]
     """Of rows first to last - 1 of a stack (n, rows, columns) of whole grey levels, bit by bit from the highest: the
@@ -229,12 +243,13 @@ def _near(path: Path, s: Spot) -> bool:
 
 def _own(path: Path, kept: Sequence[Path]) -> Path:
     """Without spots at its ends that are off its own way and on another's: two balls that met."""
+    beside = [p for p in kept if p is not path]
     for turn in (1, -1):
         way = path[::turn]
         for cut in range(1, MET + 1):
             s, rest = way[cut - 1], way[cut:]
             if len(rest) >= LED and not _near(rest, s):
-                others = (tuple(o for o in p if (o.i - s.i) * turn > 0) for p in kept if p[0] is not path[0])
+                others = (tuple(o for o in p if (o.i - s.i) * turn > 0) for p in beside)
                 if any(len(p) >= LED and like(p[0], s) and _near(p, s) for p in others):
                     path = rest[::turn]
     return path

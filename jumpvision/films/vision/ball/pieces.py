@@ -19,7 +19,7 @@ from .moving import BENT, HOLE, STEP, head_rows, led
 from .track import BallTrack
 
 Ints = NDArray[np.int64]
-LED = 4  # rows that lead over a hole
+LED = 4  # rows that lead on
 FEW = 2  # rows that are no way
 KNOWN = 60  # rows by which a piece after the first is judged
 SHORT, DRIFT = 15, 5.0  # rows, px: a piece that is no longer and drifts less stands
@@ -118,8 +118,9 @@ class _Way:
         if why := self._look.other(p[:KNOWN]):
             return why
         between = self._track.flag[self._good[before[-1]] + 1 : self._good[after[0]]]
-        short = p.size <= SHORT or any("left the image" in f for f in between)
-        if short and not few and self._reach[k] < DRIFT and not clicked:
+        left = any("left the image" in f for f in between)  # what comes back flies
+        stands = self._reach[k] < (max(DRIFT, self._d) if left else DRIFT)
+        if stands and (left or (p.size <= SHORT and not few)) and not clicked:
             return STANDS.format(p.size)
         if any("alike" in f for f in between):
             return ALIKE
@@ -139,9 +140,9 @@ class _Way:
         return [int(k) for k in np.flatnonzero(asked)[:MOST]]
 
     def _only(self, before: Ints, after: Ints) -> bool:
-        """Whether two pieces are next to each other, and no other ball is seen at the joint."""
+        """Whether two pieces are a frame or two apart, and no other ball is seen at the joint."""
         one, two = int(self._good[before[-1]]), int(self._good[after[0]])
-        if self._frames is None or two - one > 1 or self._left == 0:
+        if self._frames is None or two - one > FEW or self._left == 0:
             return False
         self._left -= 1
         return only_one(self._track, self._frames, self._polarity, one, two)
@@ -221,7 +222,7 @@ def _linked(good: Ints, at: Array, d: float, track: BallTrack, head: int) -> NDA
         three[1:] |= smooth
         three[:-1] |= smooth
         out |= three[::turn]
-    out |= _led_over(good, at, d, out)
+    out = _led_over(good, at, d, out)
     # from rest, or by a bounce: as far as the motion after or before goes in so many frames
     held = np.zeros(len(v), bool)
     for turn in (1, -1):
@@ -248,15 +249,24 @@ def _linked(good: Ints, at: Array, d: float, track: BallTrack, head: int) -> NDA
 
 
 def _led_over(good: Ints, at: Array, d: float, linked: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(n - 1,): whether the parabola through the LED rows before leads over a hole to the next row, or that through as
-    many after it back."""
-    out = np.zeros(linked.size, bool)
-    for k in np.flatnonzero(~linked & (np.diff(good) > 1) & (np.diff(good) <= HOLE)):
-        for rows, to in ((np.arange(k + 1 - LED, k + 1), k + 1), (np.arange(k + 1, k + 1 + LED), k)):
-            if rows[0] < 0 or rows[-1] >= good.size or not linked[rows[0] : rows[-1]].all():
-                continue
-            out[k] |= bool(np.hypot(*(led(good[rows], at[rows], good[to]) - at[to])) < SAME * d)
-    return out
+    """(n - 1,): linked, and where the parabola through the LED linked rows before leads to the next row, also over a
+    hole, or that through as many after it back; through one less, where both do."""
+    out = linked.copy()
+
+    def leads(k: int, n: int, after: bool) -> bool:
+        rows, to = (np.arange(k + 1, k + 1 + n), k) if after else (np.arange(k + 1 - n, k + 1), k + 1)
+        if rows[0] < 0 or rows[-1] >= good.size or not out[rows[0] : rows[-1]].all():
+            return False
+        return bool(np.hypot(*(led(good[rows], at[rows], good[to]) - at[to])) < SAME * d)
+
+    asked = np.flatnonzero(~linked & (np.diff(good) <= HOLE))
+    while True:  # what is joined may lead on
+        ways = {int(k): [leads(int(k), n, after) for n in (LED, LED - 1) for after in (False, True)] for k in asked}
+        joined = [k for k, (*one, before, after) in ways.items() if any(one) or (before and after)]
+        if not joined:
+            return out
+        out[joined] = True
+        asked = np.setdiff1d(asked, joined)
 
 
 def _off_parabolas(t: Array, at: Array) -> Array:

@@ -15,7 +15,7 @@ from jumpvision.films.frames.base import Frames
 from jumpvision.films.parameters import SMALLEST_BALL
 
 from .background import Background, View
-from .identity import ball_at
+from .identity import ball_at, usual_contrast
 from .measure import Found, Start
 from .moving import (
     HOLE,
@@ -25,6 +25,7 @@ from .moving import (
     Path,
     Spot,
     at,
+    behind,
     elsewhere,
     head_rows,
     heads,
@@ -103,8 +104,7 @@ def _moving(track: BallTrack, frames: Frames, head: Head, settings: BallSettings
         return without(track, np.where(good, WHICH.format(*two), track.flag))
     if not ours or len(ours[0]) < head.least:
         return None
-    # of 12 frames the median is a scene to take out
-    moving = follow(ours[0], frames, settings, scene if len(frames) >= 12 else None)
+    moving = _followed(ours[0], frames, head, settings, scene)
     if seed and len(ours[0]) >= LED and _on_seed(ours[0], seed):
         moving = _to_click(moving, track, ours[0])
     look = slice(0, len(head))
@@ -146,6 +146,25 @@ def is_still(track: BallTrack, look: slice = slice(None)) -> bool:
     return math.hypot(np.ptp(track.x[good]), np.ptp(track.y[good])) < 1.0 * float(np.median(track.diameter[good]))
 
 
+def _followed(path: Path, frames: Frames, head: Head, settings: BallSettings, scene: Float32) -> BallTrack:
+    """The ball of a path in all frames, without the scene behind it; once more where it has stood beside the path."""
+    if len(frames) < 12:  # of 12 frames the median is a scene to take out
+        return follow(path, frames, settings)
+    n, d = len(head), float(np.median([s.d for s in path]))
+    way = np.array([at(path, min(max(i, path[0].i), path[-1].i)) for i in range(n)])
+    moving = follow(path, frames, settings, behind(head, scene, way, d))
+    good = np.flatnonzero(moving.flag[:n] == "")
+    nearest = good[np.argmin(np.abs(np.arange(n)[:, None] - good), axis=1)]
+    now = np.stack([moving.x[nearest], moving.y[nearest]], axis=1)
+    stood = (math.dist(now[k], way[k]) > PLACE * d and _stood(now, k, d) for k in (0, -1))
+    return follow(path, frames, settings, behind(head, scene, now, d)) if any(stood) else moving
+
+
+def _stood(way: Array, k: int, d: float) -> bool:
+    """Whether a ball is near its place in row k of its way (n, 2) for a quarter of it: a median may show it there."""
+    return bool(np.mean(np.hypot(*(way - way[k]).T) < 0.5 * d) > 0.25)
+
+
 def follow(path: Path, frames: Frames, settings: BallSettings, scene: Float32 | None = None) -> BallTrack:
     """The ball in all frames, from a path of it: from its clearest spot on to both ends of the film.
 
@@ -156,12 +175,12 @@ def follow(path: Path, frames: Frames, settings: BallSettings, scene: Float32 | 
     known = {s.i: s for s in path if 1 / USUAL < s.contrast / usual < USUAL}
     middle = min(known.values(), key=lambda s: s.found.sigma * s.found.chi2).i
     size = float(np.median([s.d for s in path]))
-    behind: list[Background | None] = [None]
+    scenes: list[Background | None] = [None]
     if scene is not None:
         ball = float(np.median([s.found.fit.p[A] for s in known.values() if s.found.fit is not None]))
-        greys = scene.astype(np.float64), float(np.median(scene)), ball
+        greys = scene.astype(np.float64), float(np.nanmedian(scene)), ball
         # what has the ball's own grey covers its rim; of a ball that rests the scene itself shows it
-        behind = [Background(*greys), Background(*greys, blind=True)]
+        scenes = [Background(*greys), Background(*greys, blind=True)]
     found: dict[int, Found] = {}
     for order in (range(middle, -1, -1), range(middle, len(frames))):
         tracker = BallTracker(replace(settings, seed=None, diameter=settings.diameter or size))
@@ -169,7 +188,7 @@ def follow(path: Path, frames: Frames, settings: BallSettings, scene: Float32 | 
         for i in order:
             image = np.asarray(frames[i])
             views = [
-                View((image.shape[0], image.shape[1]), whole=partial(frames.__getitem__, i), scene=b) for b in behind
+                View((image.shape[0], image.shape[1]), whole=partial(frames.__getitem__, i), scene=b) for b in scenes
             ]
             found[i] = _next(tracker, views, path, i, known.get(i))
     return as_track([found[i] for i in range(len(frames))])
@@ -242,7 +261,7 @@ def _without_ball(
     away = at_hand if at_hand.size >= ASKED else away
     if not away.size:
         return None
-    usual = None if track.contrast is None else abs(float(np.median(track.contrast[judged])))
+    usual = usual_contrast(track, judged)
     here: Found | None = None
     for g in away[np.unique(np.linspace(0, away.size - 1, min(ASKED, away.size)).astype(int))]:
         there = ball_at(View.of(kept[int(g)]), x, y, d, polarity, usual)
@@ -281,14 +300,11 @@ def _stands(track: BallTrack, look: slice, d: float) -> bool:
 def _to_click(moving: BallTrack, track: BallTrack, path: Path) -> BallTrack:
     """With the rows before a path that leads back to the click where it leads: by what follows the path, else by the
     track from the click; no others."""
-    early = range(path[0].i)
-    way = [led_to(path, i) for i in early]
-    ours, theirs = (
-        np.array([not t.flag[i] and math.dist((t.x[i], t.y[i]), way[i]) < 0.5 * path[0].d for i in early] or [], bool)
-        for t in (moving, track)
-    )
+    n, d = path[0].i, path[0].d
+    way = np.array([led_to(path, i) for i in range(n)]).reshape(n, 2)
+    ours, theirs = (np.hypot(t.x[:n] - way[:, 0], t.y[:n] - way[:, 1]) < 0.5 * d for t in (moving, track))  # NaN: not
     taken, gone = np.zeros((2, len(moving.flag)), bool)
-    taken[early], gone[early] = theirs & ~ours, ~theirs & ~ours & (moving.flag[early] == "")
+    taken[:n], gone[:n] = theirs & ~ours, ~theirs & ~ours & (moving.flag[:n] == "")
     both = merged(moving, track, taken)
     return without(both, np.where(gone, str(Flag(Reason.OTHER_BALL)), both.flag).astype(object))
 

@@ -27,6 +27,7 @@ from jumpvision.films.frames.base import Frames
 from jumpvision.films.vision.ball.measure import Found
 from jumpvision.films.vision.ball.reasons import GOOD, Flag, Reason
 
+from .flight import ODD
 from .layer import Layer, Place, shifted
 from .laying import FINE, FREE, lay
 
@@ -287,8 +288,7 @@ def _times_off(e: _Equations, p: Place, usual: tuple[float, Array], widest: Arra
     times = math.sqrt(e.off / max(usual[0], 1e-12))
     # light or contrast beyond 3 times the widest is not the ball's
     far = bool((np.abs(np.array([p.light, p.contrast]) - usual[1]) > 3.0 * np.sqrt(widest)).any())
-    # and so is what leaves 2.8 times as much as in most frames
-    return times if far or times > 2.8 else None
+    return times if far or times > ODD else None
 
 
 def _stepped(
