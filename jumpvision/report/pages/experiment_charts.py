@@ -35,9 +35,15 @@ def jump_chart(results: Path, law: Actuation | None = None) -> Chart | None:
     note = "Bars and bands are ±2σ." + (f" Every {every}th frame is shown." if every > 1 else "")
     if not (results / Simulation.file).exists():
         return chart("Height of the rod", [panel("rod", x, y, measured, spans=spans)], note)
-    both = rod.beside(Simulation.load(results))
+    simulation = Simulation.load(results)
+    both, s = rod.beside(simulation), simulation.table
+    foot = np.interp(t, s.time_s, s.foot_m, left=np.nan, right=np.nan) * 1e3
+    lines = [
+        series("model", "model", t, both.model * 1e3, kind="line"),
+        series("foot over the surface, model", "green", t, foot, kind="line"),
+    ]
     panels = [
-        panel("rod", x, y, [series("model", "model", t, both.model * 1e3, kind="line"), *measured], spans=spans),
+        panel("rod", x, y, [*lines, *measured], spans=spans),
         panel(
             "measured − model",
             x,
@@ -168,4 +174,12 @@ def intrusion_chart(results: Path) -> Chart | None:
             height=170,
         ),
     ]
+    kinds = {"reintrusion": ("re-intrusion", "measured"), "stop_go": ("stop-go", "accent")}
+    over = [
+        series(word, role, *np.array([(e["depth_m"] * 1e3, e["overshoot_N"], e["sigma_N"]) for e in mine]).T)
+        for kind, (word, role) in kinds.items()
+        if (mine := [e for e in v["events"] if e["kind"] == kind])
+    ]
+    if over:
+        panels.append(panel("overshoot after a pause or a withdrawal", depth, axis("force", "N", zero=True), over))
     return chart("Slow intrusion", panels, "Dashed: the depth δ of the bend." if rules else "", stacked=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shlex
 from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.resources import files as resources
@@ -14,8 +15,7 @@ from jumpvision import __version__
 from jumpvision.base.record import plain
 from jumpvision.experiment import files
 from jumpvision.experiment.campaign.truth import coverage_words, truth_of
-from jumpvision.experiment.inputs.experiment import Campaign
-from jumpvision.experiment.inputs.sections import Actuation
+from jumpvision.experiment.inputs.experiment import Campaign, Experiment
 from jumpvision.experiment.workflow.run import Outcome
 
 if TYPE_CHECKING:
@@ -34,18 +34,21 @@ def write_report(
     single: bool,
     warned: Sequence[Mapping[str, object]] = (),
     diagnosis: Diagnosis | None = None,
+    pictured: bool = True,
 ) -> Path:
     """Write the pages and return the path of the one to open: of the campaign, or of the only experiment.
 
-    warned: what is to be doubted of a campaign, as in campaign.json.
+    warned: what is to be doubted of a campaign, as in campaign.json; pictured: with frames of one experiment.
     """
-    laws = {e.name: e.section(Actuation) for e in campaign.experiments}
+    experiments = {e.name: e for e in campaign.experiments}
+    draws = shlex.join(["jumpvision", "report", str(campaign.path), "--results", str(results)])
     keys = []
     for o in outcomes:
         if not o.results.is_dir():
             continue
         try:
-            keys.append(_experiment(o, laws.get(o.name), back="" if single else f"../{files.REPORT}"))
+            back = "" if single else f"../{files.REPORT}"
+            keys.append(_experiment(o, experiments.get(o.name), back=back, draws=draws))
         except OSError as e:
             o.errors.append(f"{o.results / files.REPORT}: {e.strerror or e}; free or change it and run again")
     if single:
@@ -55,23 +58,24 @@ def write_report(
     said = [f"{w['experiment']}: {w['message']}" for w in warned] + [
         f"{o.name}: {n}" for o in outcomes for n in o.notes
     ]
-    key = digest_of([*keys, *said, json.dumps(plain(shown))])
+    key = digest_of([*keys, *said, draws, str(pictured), json.dumps(plain(shown))])
     if not made_from(results / files.REPORT, key):
         from .page import write_campaign
 
-        write_campaign(campaign, outcomes, rows, results, diagnosis, said, MADE_FROM.format(key))
+        mark = MADE_FROM.format(key)
+        write_campaign(campaign, outcomes, rows, results, diagnosis, said, mark, pictured=pictured, draws=draws)
     return results / files.REPORT
 
 
-def _experiment(outcome: Outcome, law: Actuation | None, *, back: str) -> str:
+def _experiment(outcome: Outcome, experiment: Experiment | None, *, back: str, draws: str) -> str:
     """The page of one experiment, unless the one there was made from the same results; the digest of these."""
     provenance = outcome.results / files.PROVENANCE
     receipt = provenance.read_text(encoding="utf-8") if provenance.exists() else ""
-    key = digest_of([back, *outcome.errors, *outcome.said, *outcome.not_run, receipt])
+    key = digest_of([back, draws, *outcome.errors, *outcome.said, *outcome.not_run, receipt])
     if not made_from(outcome.results / files.REPORT, key):
         from .page import write_experiment
 
-        write_experiment(outcome, law, back, receipt, MADE_FROM.format(key))
+        write_experiment(outcome, experiment, back, receipt, MADE_FROM.format(key), draws=draws)
     return key
 
 
