@@ -253,9 +253,9 @@ def played(fits: Fits, log: MotorLog, law: Actuation) -> Played:
     t, position = read_motor(log, law)
     around = (t > law.start - 0.05) & (t < law.stop + 0.1)
     t, position = t[around], position[around]
-    logged, work = read_log(log, "time_s", "position_m", optional=("force_N",)), None
-    if "force_N" in logged and fits.get("motor_work_J"):
-        force = logged.force_N.to_numpy()[around]
+    work = None
+    if fits.get("motor_work_J"):
+        force = read_log(log, "time_s", "position_m", optional=("force_N",)).force_N.to_numpy()[around]
         work = np.r_[0.0, np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(position))]
     return Played(t, commanded(law)(t)[0], position, work)
 

@@ -35,6 +35,7 @@ def motor_chart(results: Path, experiment: Experiment | None) -> Chart | None:
     m = played(fits, log, law)
     t, command, position = (v[:: -(-m.t.size // MOST)] for v in (m.t, m.command * 1e3, m.position * 1e3))
     x, spans = axis("time", "s"), [(law.start, law.stop, "motor runs")]
+    plain = [(law.start, law.stop, "")]
     ratio, lag = with_sigma(fits["actuator_ratio"]), with_sigma(fits["actuator_lag_s"], 1e3)
     panels = [
         panel(
@@ -52,20 +53,20 @@ def motor_chart(results: Path, experiment: Experiment | None) -> Chart | None:
             x,
             axis("difference", "mm"),
             [series("difference", "measured", t, position - command, kind="line")],
-            spans=spans,
+            spans=plain,
             rules=[{"y": 0}],
             height=170,
         ),
     ]
     if m.work is not None:
-        so_far = series("so far", "measured", t, m.work[:: -(-m.t.size // MOST)], kind="line")
+        so_far = series("work so far", "measured", t, m.work[:: -(-m.t.size // MOST)], kind="line")
         panels.append(
             panel(
                 work_words(fits, ", "),
                 x,
                 axis("work", "J"),
                 [so_far],
-                spans=spans,
+                spans=plain,
                 rules=[{"y": fits["motor_work_J"].value}],
                 height=170,
             )
@@ -110,7 +111,7 @@ def column_chart(results: Path) -> Chart | None:
         }
         front = series("jammed front", "ink", c.t.values[part] * 1e3, -c.jammed_thickness.values[part] * 1e3, size=2)
         y = axis("place below the foot", "mm")
-        panels.append(panel("speed of the central column / largest", axis("time", "ms"), y, [speeds, front]))
+        panels.append(panel("speed of the central column / largest", axis("time", "ms"), y, [speeds, front], share=1.5))
         i = fastest(column)
         z, top = c.depth.values[:, i], float(c.max_speed[i])
         line = np.linspace(0.0, np.nanmax(z), 100)

@@ -35,15 +35,9 @@ def jump_chart(results: Path, law: Actuation | None = None) -> Chart | None:
     note = "Bars and bands are ±2σ." + (f" Every {every}th frame is shown." if every > 1 else "")
     if not (results / Simulation.file).exists():
         return chart("Height of the rod", [panel("rod", x, y, measured, spans=spans)], note)
-    simulation = Simulation.load(results)
-    both, s = rod.beside(simulation), simulation.table
-    foot = np.interp(t, s.time_s, s.foot_m, left=np.nan, right=np.nan) * 1e3
-    lines = [
-        series("model", "model", t, both.model * 1e3, kind="line"),
-        series("foot over the surface, model", "green", t, foot, kind="line"),
-    ]
+    both = rod.beside(Simulation.load(results))
     panels = [
-        panel("rod", x, y, [*lines, *measured], spans=spans),
+        panel("rod", x, y, [series("model", "model", t, both.model * 1e3, kind="line"), *measured], spans=spans),
         panel(
             "measured − model",
             x,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable, Mapping
 from functools import cache
 from importlib.resources import files as resources
 from pathlib import Path
@@ -32,10 +33,9 @@ from jumpvision.experiment.results.values import CraterShape, Fits, Intrusion
 from jumpvision.experiment.workflow.run import Outcome
 
 from .apparatus_charts import apparatus_charts
-from .charts import diagnosis_charts, fits_of, heights_chart
-from .experiment_charts import experiment_charts, whole_disc
+from .charts import actuator_chart, diagnosis_charts, fits_of, heights_chart
+from .experiment_charts import experiment_charts, intrusion_chart, whole_disc
 from .quantities import HALF, WHOLE, fit_rows, typeset
-from .thumbs import thumbs
 from .verdict import VerdictShown, causes_shown, detectable_shown, suggested_shown
 from .words import campaign_words, drawing, experiment_words, film, inline, noise_words, poster, preview
 
@@ -67,7 +67,12 @@ SHOWS = (  # a result, and a picture of it on the page
     ("bed.json", "bed.png"),
     ("crater.json", "crater.png"),
     ("piv.nc", "validation.png"),
-)  # where one is missing, the page says how it is drawn
+)
+
+
+def undrawn(results: Path) -> bool:
+    """Whether pictures that the pages would show wait to be asked for."""
+    return any((results / made).exists() and not (results / picture).exists() for made, picture in SHOWS)
 
 
 def write_campaign(
@@ -79,16 +84,16 @@ def write_campaign(
     warned: list[str],
     mark: str,
     *,
-    pictured: bool,
+    seen: Callable[[Outcome], Mapping[str, str]],
     draws: str,
 ) -> None:
-    """The page of a campaign. warned: what is to be doubted of it, in sentences; mark: for the page's head; pictured:
-    with frames of an experiment; draws: the command that draws the pictures of all pages."""
+    """The page of a campaign. warned: what is to be doubted of it, in sentences; mark: for the page's head; seen: gives
+    the frames of an experiment, as `thumbs`; draws: the command that draws the pictures of all pages."""
     from jumpvision.experiment.campaign.measured.actuator import actuator_bandwidth, driven
     from jumpvision.experiment.campaign.measured.craters import measured_in, zero_crossing
     from jumpvision.experiment.campaign.measured.intrusions import intrusion_laws, slow_intrusions, stepped
     from jumpvision.report.figures.bed import critical
-    from jumpvision.report.figures.logs import actuator, resistances, steps
+    from jumpvision.report.figures.logs import resistances, steps
 
     craters = measured_in(outcomes)
     crossing = zero_crossing(craters) if craters else None
@@ -102,8 +107,8 @@ def write_campaign(
     shown = richest(outcomes)
     cone = shown.results / "cone.webm" if shown is not None else None
     moving = {"src": film(cone), "poster": poster(cone)} if cone is not None and cone.exists() else None
-    frames = thumbs(shown.results, campaign[shown.name]) if shown is not None and pictured else {}
     there = {f: preview(shown.results / f) for f in PREVIEWS if shown is not None and (shown.results / f).exists()}
+    frames = seen(shown) if shown is not None and undrawn(shown.results) else {}
     text = template("campaign.html.j2").render(
         key=mark,
         style=style(),
@@ -121,22 +126,19 @@ def write_campaign(
         model=diagnosis,
         critical=drawing(critical, craters, crossing) if packed else None,
         intrusions=drawing(resistances, intruded, intrusion_laws(intruded)) if intruded else None,
+        intrusion=intrusion_chart(results / intruded[0].experiment) if intruded else None,
         in_steps=drawing(steps, in_steps) if (in_steps := stepped(intruded)) else None,
-        actuator=drawing(actuator, motors, actuator_bandwidth(motors)) if swept else None,
+        actuator=actuator_chart(motors, actuator_bandwidth(motors)) if swept else None,
         table=linked(typeset_rows(overview(campaign, outcomes)), outcomes),
         details=typeset_rows(filmed_foot(details(campaign, outcomes), outcomes)),
         chance=typeset(coverage_words(campaign, outcomes)),
         shown=shown,
         previews=[
-            {
-                "src": src,
-                "heading": PICTURES[f][0],
-                "plot": f in there and f not in FRAMES,
-            }
+            {"src": src, "heading": PICTURES[f][0], "plot": f in there and f not in FRAMES}
             for f in PREVIEWS
             if (src := there.get(f) or frames.get(f))
         ],
-        draws=draws if frames.keys() - there.keys() else "",
+        draws=draws if shown is not None and undrawn(shown.results) else "",
         film=moving,
         warnings=warned,
         excluded=campaign.excluded,
@@ -196,10 +198,17 @@ def half_foot(d: Diagnosis, outcomes: list[Outcome]) -> str:
 
 
 def write_experiment(
-    outcome: Outcome, experiment: Experiment | None, back: str, receipt: str, mark: str, *, draws: str = ""
+    outcome: Outcome,
+    experiment: Experiment | None,
+    back: str,
+    receipt: str,
+    mark: str,
+    *,
+    seen: Callable[[Outcome], Mapping[str, str]],
+    draws: str,
 ) -> None:
-    """The page of one experiment. back: address of the campaign's; receipt: its provenance.json; draws: the command
-    that draws the pictures of all pages."""
+    """The page of one experiment. back: address of the campaign's; receipt: its provenance.json; seen, draws: as in
+    `write_campaign`."""
     folder, law = outcome.results, experiment.section(Actuation) if experiment else None
     fits = dict(fits_of(folder).estimates)
     if (folder / Intrusion.file).exists():
@@ -222,7 +231,12 @@ def write_experiment(
         facts=facts,
         charts=charts,
         more=apparatus_charts(folder, experiment),
-        draws=draws if any((folder / r).exists() and not (folder / p).exists() for r, p in SHOWS) else "",
+        draws=draws if undrawn(folder) else "",
+        frames=[
+            {"src": src, "heading": PICTURES[f][0]}
+            for f, src in (seen(outcome) if undrawn(folder) else {}).items()
+            if not (folder / f).exists()
+        ],
         films=[
             {"src": film(folder / f), "poster": poster(folder / f), "heading": heading, "alt": alt}
             for f, (heading, alt) in FILMS.items()
