@@ -15,7 +15,7 @@ from jumpvision.experiment.campaign.measured.intrusions import IntrusionLaws, Sl
 from jumpvision.experiment.inputs.logs import read_log
 from jumpvision.experiment.inputs.sections import Actuation, MotorLog, NotApplicable
 from jumpvision.experiment.results.values import ConeValues, Fits, Intrusion, IntrusionEvent, SpringTest
-from jumpvision.experiment.stages.rod import commanded, read_motor
+from jumpvision.experiment.stages.rod import commanded, motor_in
 from jumpvision.experiment.workflow.stage import stage
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, NewFigure, styled
 
@@ -250,12 +250,13 @@ class Played(NamedTuple):
 
 def played(fits: Fits, log: MotorLog, law: Actuation) -> Played:
     """What the motor did, and was told to, from shortly before to shortly after."""
-    t, position = read_motor(log, law)
+    logged = read_log(log, "time_s", "position_m", optional=("force_N",), at_least=8)
+    t, position = motor_in(logged, law)
     around = (t > law.start - 0.05) & (t < law.stop + 0.1)
     t, position = t[around], position[around]
     work = None
     if fits.get("motor_work_J"):
-        force = read_log(log, "time_s", "position_m", optional=("force_N",)).force_N.to_numpy()[around]
+        force = logged.force_N.to_numpy()[around]
         work = np.r_[0.0, np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(position))]
     return Played(t, commanded(law)(t)[0], position, work)
 
