@@ -262,6 +262,13 @@ def draw_ring(axis: Axes, fits: Fits, rod: RodMotion) -> None:
     axis.set(title=rf"ring-down {f:.3f} Hz, $\zeta$ = {zeta:.4f}", xlabel="time [s]", ylabel="height [mm]")
 
 
+def ring_down(fits: Fits, rod: RodMotion, Figure: NewFigure) -> Figure:
+    """The figure of a ring-down."""
+    figure = Figure(figsize=(4.4, 3.0), layout="constrained")
+    draw_ring(figure.subplots(), fits, rod)
+    return figure
+
+
 def ringing(fits: Fits, rod: RodMotion) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Time [s] and height [m] about rest of the ring-down, as measured and as fitted."""
     t, h, _ = rod.arrays
