@@ -195,7 +195,8 @@ def spring_picture(fit: Fits, spring: SpringTest) -> SpringPicture:
 def stretched(fit: Fits, spring: SpringTest, Figure: NewFigure) -> Figure:
     """Loading and unloading apart; the two lines of a loop; turning points, which are left out, in grey."""
     p = spring.values["profile"]
-    x, force, fitted = np.array(p["displacement_m"]) * 1e3, np.array(p["force_N"]), np.array(p["fitted_N"])
+    x, force, fitted = (np.array(p[k], float) for k in ("displacement_m", "force_N", "fitted_N"))
+    x = x * 1e3
     left, direction = force - fitted, np.array(p["direction"])
     figure = Figure(figsize=(8.6, 3.4), layout="constrained")
     whole, rest = figure.subplots(1, 2, width_ratios=(1.3, 1))

@@ -395,7 +395,7 @@ def draw_history(axis: Axes, fits: Fits, column: Column) -> None:
 
 
 def history(column: Column) -> tuple[Array, Array]:
-    """Depths below the foot (n,) [m] and the speed there over each frame's largest (n, t), NaN where it was not seen."""
+    """Depths below the foot (n,) [m], and the speed there over each frame's largest (n, t), NaN where not seen."""
     c = column.field
     z, shown = c.depth.values, (c.speed / c.max_speed).transpose("y", "t").values
     levels = np.linspace(0.0, np.nanmax(np.where(np.isfinite(shown), z, np.nan), initial=0.0), shown.shape[0])

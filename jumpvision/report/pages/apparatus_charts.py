@@ -21,8 +21,8 @@ from .charts import MOST, Chart, Panel, Series, axis, chart, fits_of, numbers, p
 
 def apparatus_charts(results: Path, experiment: Experiment | None) -> list[Chart]:
     """The figures that there are, from result files and the motor's log."""
-    made = (motor_chart(results, experiment), ring_chart(results), column_chart(results))
-    made += (spring_chart(results), air_chart(results, experiment))
+    of_jump = [motor_chart(results, experiment), ring_chart(results), column_chart(results)]
+    made = [*of_jump, spring_chart(results), air_chart(results, experiment)]
     return [c for c in made if c is not None]
 
 
@@ -155,7 +155,8 @@ def spring_chart(results: Path) -> Chart | None:
     if not (results / SpringTest.file).exists():
         return None
     p, fits = SpringTest.load(results).values["profile"], fits_of(results)
-    x, force, fitted = np.array(p["displacement_m"]) * 1e3, np.array(p["force_N"]), np.array(p["fitted_N"])
+    x, force, fitted = (np.array(p[k], float) for k in ("displacement_m", "force_N", "fitted_N"))
+    x = x * 1e3
     left, direction = force - fitted, np.array(p["direction"])
     whole, rest = [], []
     for sign, name, role in (
@@ -187,9 +188,10 @@ def air_chart(results: Path, experiment: Experiment | None) -> Chart | None:
     if a is None:
         return None
     every = slice(None, None, 6)  # smooth: 50 points are a curve
+    looks = (("quiet", False), ("measured", False), ("measured", True))  # of Ergun, Wu, and Wu with the duct
     shown = [
         series(name, role, a.speed[every], pressure[every] / 1e3, kind="line", dash=dash)
-        for (name, pressure), role, dash in zip(a.lines.items(), ("quiet", "measured", "measured"), (False, False, True))
+        for (name, pressure), (role, dash) in zip(a.lines.items(), looks)
     ]
     onsets = np.array([*a.onsets.values()]).T
     shown.append(series("onset", "ink", onsets[0], onsets[1] / 1e3, size=3.5))

@@ -49,8 +49,9 @@ def thumbs(results: Path, experiment: Experiment) -> dict[str, str]:
 def as_jpeg(picture: Bgr) -> str:
     """A picture no wider than a page shows it."""
     height = round(picture.shape[0] * PREVIEW / picture.shape[1])
-    small = cv2.resize(picture, (PREVIEW, height), interpolation=cv2.INTER_AREA) if picture.shape[1] > PREVIEW else picture
-    return inline(cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes(), "image/jpeg")
+    if picture.shape[1] > PREVIEW:
+        picture = np.asarray(cv2.resize(picture, (PREVIEW, height), interpolation=cv2.INTER_AREA), np.uint8)
+    return inline(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes(), "image/jpeg")
 
 
 def of_grains(results: Path, experiment: Experiment) -> dict[str, Bgr]:
@@ -61,12 +62,11 @@ def of_grains(results: Path, experiment: Experiment) -> dict[str, Bgr]:
     if film is None or given is not None or not (results / Piv.file).exists():
         return {}
     with contextlib.ExitStack() as opened:
-        read = [
-            opened.enter_context(xr.open_dataset(results / f, engine="netcdf4", decode_times=False))
-            for f in (Piv.file, Flow.file, Column.file)
-            if (results / f).exists()
-        ]
-        piv, flow, column = (*read, None, None)[:3]
+
+        def read(file: str) -> xr.Dataset:
+            return opened.enter_context(xr.open_dataset(results / file, engine="netcdf4", decode_times=False))
+
+        piv, flow, column = read(Piv.file), *(read(f) if (results / f).exists() else None for f in OF_FLOW)
         i = [busiest(flow)] if flow is not None else [piv.sizes["t"] // 2]
         grid = Piv(piv).geometry
         straight, film = open_grains(film, experiment.section(Calibration))
@@ -79,6 +79,9 @@ def of_grains(results: Path, experiment: Experiment) -> dict[str, Bgr]:
             shear = flow.shear_rate.isel(t=i).load()
             out["flow.png"] = ConeDrawing(moment, grid, shear, sides, image, scale)(image, 0)
         return out
+
+
+OF_FLOW = (Flow.file, Column.file)
 
 
 def busiest(flow: xr.Dataset) -> int:
