@@ -103,11 +103,12 @@ def test_the_column_is_drawn_with_its_speeds_front_and_angles(tmp_path):
     history, profile, beta, theta = chart["panels"]
     (map_,) = (s for s in history["series"] if s["kind"] == "map")
     assert np.shape(map_["z"]) == (len(map_["y"]), len(map_["x"])) and map_["y"] == sorted(map_["y"])
-    true = np.exp(1e-3 * np.array(map_["y"]))  # of the largest, at so many m below the foot
+    # of the largest, at so many m below the foot; to three figures, and 2e-3 over its kink between rows of 4 mm
+    true = np.exp(1e-3 * np.array(map_["y"]))
     seen = np.array(map_["z"], float)
     known = np.isfinite(seen)
     assert known.mean() > 0.5 and seen[known] == pytest.approx(
-        np.broadcast_to(true[:, None], seen.shape)[known], abs=2e-3
+        np.broadcast_to(true[:, None], seen.shape)[known], abs=2.6e-3
     )
     front = series_of(history)["jammed front"]
     assert front["y"] == pytest.approx([-2.0 * 2.5 * k for k in range(12)])  # mm: twice the depth of the foot

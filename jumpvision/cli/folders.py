@@ -491,7 +491,8 @@ def _foreign(path: Path, simulator: str, limit: float, budget: int | None, optio
 
 @app.command
 def report(path: Path, /, *, options: Options = OPTIONS) -> int:
-    """One self-contained HTML page with the figures, from the results (computing what is missing); or of a sweep.nc.
+    """One self-contained HTML page with the figures, all pictures and films, from the results (computing what is
+    missing); or of a sweep.nc.
 
     Example: jumpvision report data_samples/hard_ground --results results/hard_ground
     """
