@@ -196,24 +196,22 @@ def _as_noted(experiment: Experiment, plan: Plan, results: Path, key: str) -> Ou
     told = unchanged.noted(plan.cache, results, key)
     if told is None:
         return None
-    as_now = {"state": "cached", "seconds": 0.0}
-    steps = [Step(**{**s, **as_now, **_shared(s)}) for s in told["steps"]]
+    steps = [_noted(**s) for s in told["steps"]]
     summary = Summary.of(told["summary"]) if told["summary"] else UNKNOWN
     known = Outcome(experiment.name, results, steps, not_run=[*map(intern, told["not_run"])], summary=summary)
     return None if plan.fresh and known.older else known
 
 
-def _shared(step: Toml) -> Mapping[str, object]:
-    """What many steps have alike, as one object for all: a campaign may have 10,000 experiments."""
-    versions = VERSIONS.setdefault(tuple(step["versions"].items()), step["versions"])
-    return {
-        "stage": intern(step["stage"]),
-        "versions": versions,
-        "files": {intern(name): digest for name, digest in step["files"].items()},
-    }
+def _noted(
+    stage: str, warnings: list[Told], versions: Mapping[str, str], files: Mapping[str, str], **_: object
+) -> Step:
+    """A step as of now, one for all experiments whose steps are alike: there may be 10,000. Key and digests, which only
+    who looks into the results asks for, are left in the note."""
+    step = Step(stage, "cached", 0.0, warnings, "", versions, dict.fromkeys(files, ""))
+    return step if warnings else STEPS.setdefault((stage, *versions.items(), *files), step)
 
 
-VERSIONS: dict[tuple[tuple[str, str], ...], Mapping[str, str]] = {}
+STEPS: dict[tuple[object, ...], Step] = {}
 
 
 def _note(workspace: Workspace, outcome: Outcome, key: str) -> None:

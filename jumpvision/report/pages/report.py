@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from importlib.resources import files as resources
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -65,11 +66,12 @@ def write_report(
     if single:
         return outcomes[0].results / files.REPORT
     true = [dict(truth_of(campaign.path)), coverage_words(campaign, outcomes)]
-    shown = [[r.cells() for r in rows], diagnosis and diagnosis.values, dict(campaign.excluded), true]
+    told = (json.dumps(plain(x)) for x in (diagnosis and diagnosis.values, dict(campaign.excluded), true))
+    each = (json.dumps(plain(r.cells())) for r in rows)
     said = [f"{w['experiment']}: {w['message']}" for w in warned] + [
         f"{o.name}: {n}" for o in outcomes for n in o.notes
     ]
-    key = digest_of([*keys, *said, draws, str(pictured), json.dumps(plain(shown))])
+    key = digest_of(chain(keys, said, (draws, str(pictured)), each, told))
     if not made_from(results / files.REPORT, key):
         from .page import write_campaign
 
@@ -90,9 +92,12 @@ def _experiment(outcome: Outcome, experiment: Experiment | None, *, back: str, d
     return key
 
 
-def digest_of(texts: list[str]) -> str:
-    """Digest of what a page is made from, with the code that makes it."""
-    return hashlib.sha256("\0".join([_code(), *texts]).encode()).hexdigest()[:24]
+def digest_of(texts: Iterable[str]) -> str:
+    """Digest of what a page is made from, with the code that makes it; one text is in memory at a time."""
+    found = hashlib.sha256(_code().encode())
+    for text in texts:
+        found.update(b"\0" + text.encode())
+    return found.hexdigest()[:24]
 
 
 @cache
