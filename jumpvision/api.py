@@ -35,7 +35,7 @@ from jumpvision.experiment.workflow.provenance import settle
 from jumpvision.experiment.workflow.run import Plan
 from jumpvision.experiment.workflow.stage import STAGES
 from jumpvision.experiment.workflow.workspace import Workspace
-from jumpvision.report.figures import PICTURES, diagnosis_png
+from jumpvision.report.figures import PICTURES, diagnosis_png, drawn_by_run
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -257,5 +257,6 @@ def _run(
     ask: bool | None = None,
 ) -> Run:
     opened = _opened(folder)
-    made = plan(*_places(opened, results), pictures=PICTURES if pictures else (), command="jumpvision.run()")
+    drawn, modules = drawn_by_run(opened), PICTURES if pictures else ()
+    made = plan(*_places(opened, results), pictures=modules, drawn=drawn, command="jumpvision.run()")
     return run_folder(opened, made, workers=workers, ask=ask, draw=diagnosis_png, say=_warn)

@@ -149,8 +149,9 @@ def test_geometry_in_a_run_with_its_picture(tmp_path, capsys):
     (tmp_path / "e").mkdir()
     (tmp_path / "e" / "experiment.toml").write_text(BED)
     assert main(["run", str(tmp_path / "e"), "--results", str(tmp_path / "r")]) == 0
-    assert (tmp_path / "r" / "air.png").stat().st_size > 10_000
     assert "Fluidisation" in (tmp_path / "r" / "report.html").read_text()
+    assert main(["figures", str(tmp_path / "e"), "--results", str(tmp_path / "r"), "--format", "png"]) == 0
+    assert (tmp_path / "r" / "figures" / "air.png").stat().st_size > 10_000
 
 
 def test_a_bad_fan_curve_is_refused(tmp_path, capsys):

@@ -519,7 +519,9 @@ INK = """() => charts.flatMap(c => c.panels.map(p => {
 def test_every_figure_is_drawn_at_every_width_and_in_both_schemes(pages, open_page, which, width, scheme):
     page = open_page(pages / which, width, color_scheme=scheme)
     drawn = page.evaluate(INK)
-    assert drawn == [0] * 5  # all that is to be seen is there, in the colours of this scheme
+    assert drawn == [0] * (
+        5 if which == REPORT else 9
+    )  # all that is to be seen is there, in the colours of this scheme
     assert page.evaluate("document.documentElement.scrollWidth") <= width  # nothing to scroll sideways
     boxes = page.evaluate("[...document.querySelectorAll('.plot canvas')].map(s => s.getBoundingClientRect().right)")
     assert max(boxes) <= width

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-import time
+import subprocess
+import sys
 
 import pytest
 from fault_lab import grain_film, results_of, write_campaign
 
+from jumpvision.cli import main
 from jumpvision.experiment.campaign.folder import run_folder
 from jumpvision.experiment.inputs.experiment import open_folder
 from jumpvision.experiment.results.fields import Piv
@@ -14,7 +16,10 @@ from jumpvision.experiment.results.tables import RodMotion
 from jumpvision.experiment.workflow import many
 from jumpvision.experiment.workflow import run as engine
 from jumpvision.experiment.workflow.run import Plan
-from jumpvision.report.figures import PICTURES
+from jumpvision.report.figures import ON_PAGES, PICTURES
+from jumpvision.report.pages.page import FILMS
+from jumpvision.report.pages.page import PICTURES as PAGE_PICTURES
+from jumpvision.report.pages.thumbs import thumbs
 
 
 class Watching:
@@ -114,17 +119,49 @@ def test_the_jumps_are_known_before_a_film_is_matched(tmp_path):
     assert len(heard) == 1
 
 
-def test_pictures_are_drawn_beside_the_diagnosis_and_not_twice(tmp_path):
-    campaign, results = write_campaign(tmp_path / "campaign", 4), tmp_path / "results"
-    opened, plan = open_folder(campaign), Plan(results, results / ".cache", pictures=PICTURES)
-    outcomes = many.run_campaign(opened, plan, workers=2, done=lambda o: None)
-    assert all(o.undrawn for o in outcomes)
-    with many.drawing_beside(plan, opened, outcomes, workers=2):
-        deadline = time.monotonic() + 60.0
-        while all(o.undrawn for o in outcomes) and time.monotonic() < deadline:
-            time.sleep(0.02)
-    drawn = [o for o in outcomes if not o.undrawn]
-    assert drawn and all((o.results / "jump.png").exists() and not o.errors for o in drawn)
-    made = {o.name: (o.results / "jump.png").stat().st_mtime_ns for o in drawn}
-    assert not any(o.undrawn for o in many.draw(opened, plan, outcomes, workers=2))
-    assert {n: (results / n / "jump.png").stat().st_mtime_ns for n in made} == made
+def page_of(results) -> str:
+    return (results / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_campaigns_run_draws_what_is_seen_first_and_report_the_rest_which_stays(tmp_path):
+    campaign, results = write_campaign(tmp_path / "campaign", 2), tmp_path / "results"
+    grain_film(campaign / "film", 6)
+    asked = [str(campaign), "--results", str(results), "--workers", "1"]
+    code = "import sys; from jumpvision.cli import main; main(sys.argv[1:]); print('matplotlib' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code, "run", *asked], capture_output=True, text=True, check=True)
+    assert done.stdout.split()[-1] == "False"  # what takes longest to load, too
+    assert not [f for f in results.rglob("*") if f.suffix in (".png", ".webm")]
+    command = f"jumpvision report {campaign} --results {results}"
+    for page in (page_of(results), page_of(results / "film")):  # a frame with its vectors, and how to have more
+        assert page.count('src="data:image/jpeg;base64') == 1 and command in page
+    assert "data:image" not in page_of(results / "jump-0000") and command not in page_of(results / "jump-0000")
+
+    assert main(["report", *asked]) == 0
+    made = {f: f.stat().st_mtime_ns for f in results.glob("*/*") if f.suffix in (".png", ".webm")}
+    assert {"piv.png", "flow.png", "validation.png", "piv.webm"} <= {f.name for f in made}
+    assert not [f for f in made if f.parent.name != "film"]  # pages draw all of a jump by themselves
+    for page in (page_of(results), page_of(results / "film")):
+        assert "data:image/jpeg" not in page and command not in page
+    assert page_of(results / "film").count("<video") == 1
+    assert main(["run", *asked]) == 0
+    assert {f: f.stat().st_mtime_ns for f in results.glob("*/*") if f.suffix in (".png", ".webm")} == made
+    assert page_of(results / "film").count("<video") == 1
+
+
+def test_a_frame_whose_film_is_gone_is_left_out_and_the_page_is_written(tmp_path):
+    campaign, results = write_campaign(tmp_path / "campaign", 1), tmp_path / "results"
+    film = grain_film(campaign / "film", 6)
+    asked = ["run", str(campaign), "--results", str(results), "--workers", "1"]
+    assert main([*asked, "--no-pictures"]) == 0
+    assert "data:image/jpeg" not in page_of(results)
+    e = open_folder(campaign)["film"]
+    assert list(thumbs(results / "film", e)) == ["piv.png", "flow.png"][:1]
+    (film / "grains.npy").unlink()
+    assert thumbs(results / "film", e) == {}
+
+
+def test_a_single_experiment_is_drawn_as_a_whole(tmp_path):
+    film, results = grain_film(tmp_path / "film", 6), tmp_path / "results"
+    assert main(["run", str(film), "--results", str(results)]) == 0
+    assert {"piv.png", "flow.png", "validation.png", "piv.webm"} <= {f.name for f in results.iterdir()}
+    assert {*PAGE_PICTURES, *FILMS} == set(ON_PAGES)

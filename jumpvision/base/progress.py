@@ -130,15 +130,13 @@ def share_of(parts: Sequence[Part], share: tuple[int, int]) -> Sequence[Part]:
     return parts[len(parts) * (k - 1) // n : len(parts) * k // n]
 
 
-def worker_pool(n: int, *, aside: bool = False) -> ProcessPoolExecutor:
-    """n processes, each of one thread. aside: they leave the cores to other work."""
-    return ProcessPoolExecutor(n, processes(), _begin, (aside, compiling.notice()))
+def worker_pool(n: int) -> ProcessPoolExecutor:
+    """n processes, each of one thread."""
+    return ProcessPoolExecutor(n, processes(), _begin, (compiling.notice(),))
 
 
-def _begin(aside: bool, notice: compiling.Notice | None) -> None:
+def _begin(notice: compiling.Notice | None) -> None:
     compiling.pass_on(notice)
-    if aside and hasattr(os, "nice"):
-        os.nice(19)
     one_thread()
 
 

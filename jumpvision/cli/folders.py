@@ -56,14 +56,16 @@ def work(
     pipeline: Path | None = None,
     profile: str | None = None,
     ask: bool | None = None,
+    every_page: bool = False,
 ) -> Run:
-    """Run the folder at `path`: `stages`, those of a pipeline file, or all; ask: as in run_folder."""
+    """Run the folder at `path`: `stages`, those of a pipeline file, or all; ask: as in run_folder; every_page: draw the
+    pictures of all pages, not only those of the first."""
     from jumpvision.base.compiling import noticed
     from jumpvision.experiment.campaign.folder import asks, results_of, run_folder
     from jumpvision.experiment.inputs.experiment import Campaign, folder_of
     from jumpvision.experiment.workflow.many import prepare
     from jumpvision.experiment.workflow.run import Pipeline, Plan, read_pipeline
-    from jumpvision.report.figures import PICTURES, diagnosis_png
+    from jumpvision.report.figures import PICTURES, diagnosis_png, drawn_by_report, drawn_by_run
 
     from . import terminal
     from .progress import Progress
@@ -80,6 +82,7 @@ def work(
         stages=stages or definition.stages,
         whole=stages is None,
         pictures=PICTURES if options.pictures else (),
+        drawn=drawn_by_report(opened) if every_page else drawn_by_run(opened) if stages is None or ask else None,
         verify=options.verify,
         fresh=options.fresh_if_versions_differ,
         debug=options.debug,
@@ -92,7 +95,7 @@ def work(
     elsewhere = _hand_over(opened, plan, profile, options, pipeline) if profile else None
     many = opened if isinstance(opened, Campaign) else None
     number = options.workers or cores()
-    phases = phases_of(plan, asks=bool(many and asks(many, plan, ask)), drawn=bool(many and options.pictures))
+    phases = phases_of(plan, asks=bool(many and asks(many, plan, ask)), drawn=bool(many and plan.drawn != {}))
 
     def tell(run: Run) -> None:
         terminal.tables(run.campaign, run.outcomes, run.diagnosis, whole=options.table)
@@ -165,6 +168,7 @@ def show(done: Run, options: Options, *, page: bool = False) -> int:
                 single=done.single,
                 warned=done.warnings,
                 diagnosis=done.diagnosis,
+                pictured=options.pictures,
             )
         )
     terminal.outcome(done, as_json=options.json, whole=options.table)
@@ -487,7 +491,8 @@ def _foreign(path: Path, simulator: str, limit: float, budget: int | None, optio
 
 @app.command
 def report(path: Path, /, *, options: Options = OPTIONS) -> int:
-    """One self-contained HTML page with the figures, from the results (computing what is missing); or of a sweep.nc.
+    """One self-contained HTML page with the figures, all pictures and films, from the results (computing what is
+    missing); or of a sweep.nc.
 
     Example: jumpvision report data_samples/hard_ground --results results/hard_ground
     """
@@ -501,4 +506,4 @@ def report(path: Path, /, *, options: Options = OPTIONS) -> int:
             {"results": str(path.parent), "files": [str(page)]}, [{"file": str(page)}], as_json=options.json
         )
         return DONE
-    return show(work(path, options), options, page=True)
+    return show(work(path, options, every_page=True), options, page=True)

@@ -169,7 +169,7 @@ def figures(
     """
     from jumpvision.base.schema import InputError
     from jumpvision.experiment.campaign.folder import results_of
-    from jumpvision.experiment.inputs.experiment import is_campaign
+    from jumpvision.experiment.inputs.experiment import is_campaign, open_experiment
     from jumpvision.thesis.catalogue import available, draw
 
     from . import terminal as show
@@ -178,12 +178,13 @@ def figures(
     source = (results or results_of(path)) if recordings else path
     if not source.exists():
         raise InputError([f"{source}: no results there; run `jumpvision run {path}` first, or give --results"])
+    recorded = open_experiment(path) if recordings and not is_campaign(path) else None
     if list_:
-        rows = [{"figure": o.name, "shows": o.shows} for o in available(source).values()]
+        rows = [{"figure": o.name, "shows": o.shows} for o in available(source, recorded).values()]
         show.result(rows, rows, as_json=json)
         return DONE
     folder = out or (source if source.is_dir() else source.parent) / "figures"
-    files = draw(source, folder, _split(only), _split(format))
+    files = draw(source, folder, _split(only), _split(format), recorded)
     rows = [{"file": str(f)} for f in files]
     show.result({"figures": [str(f) for f in files]}, rows, as_json=json)
     return DONE

@@ -15,15 +15,17 @@ from jumpvision.experiment import files
 from jumpvision.experiment.campaign.measured.actuator import Driven, actuator_bandwidth
 from jumpvision.experiment.campaign.measured.craters import craters_of, zero_crossing
 from jumpvision.experiment.campaign.measured.intrusions import SlowIntrusion, intrusion_laws, slow_intrusion, stepped
+from jumpvision.experiment.inputs.experiment import Experiment
+from jumpvision.experiment.inputs.sections import Actuation, Fan, MotorLog
 from jumpvision.experiment.results.fields import Column, Flow, Piv
 from jumpvision.experiment.results.summary import Summary
 from jumpvision.experiment.results.tables import RodMotion, Simulation
-from jumpvision.experiment.results.values import CraterShape, Intrusion
+from jumpvision.experiment.results.values import CraterShape, Geometry, Intrusion, SpringTest
 from jumpvision.report.figures import grains as films
-from jumpvision.report.figures.bed import critical
+from jumpvision.report.figures.bed import air, air_of, critical
 from jumpvision.report.figures.diagnosis import gains, heights
-from jumpvision.report.figures.logs import actuator, resistances, single, steps
-from jumpvision.report.figures.pictures import Tracked, tracks
+from jumpvision.report.figures.logs import actuator, moved, resistances, single, steps, stretched
+from jumpvision.report.figures.pictures import Tracked, ring_down, tracks
 from jumpvision.report.pages.charts import fits_of
 from jumpvision.report.style import FORMATS, NewFigure, lettered, printed, save
 from jumpvision.thesis.figures.sweeps import read_sweep, sweep_figure
@@ -69,16 +71,18 @@ class Results:
         return Summary.load(self.experiments[name])
 
 
-def available(source: Path) -> dict[str, Offered]:
-    """The figures by name, of a results folder or a NetCDF file of a sweep."""
-    return {o.name: o for o in _offered(source)}
+def available(source: Path, recordings: Experiment | None = None) -> dict[str, Offered]:
+    """The figures by name, of a results folder or a NetCDF file of a sweep; recordings: the experiment of the results,
+    where its motor's log is to be drawn too."""
+    return {o.name: o for o in _offered(source, recordings)}
 
 
-def _offered(source: Path) -> Iterator[Offered]:
+def _offered(source: Path, recordings: Experiment | None) -> Iterator[Offered]:
     if source.is_file():
         yield of_sweep(source)
         return
     yield from of_results(Results(source))
+    yield from of_apparatus(source, recordings)
     swept = {s.file: source / s.file for s in studies().values()}
     yield from (of_sweep(file) for _, file in sorted(swept.items(), reverse=True) if file.exists())
     yield from (of_sweep(file) for name in swept for file in sorted(source.glob(f"{Path(name).stem}-*.nc")))
@@ -180,6 +184,25 @@ def of_film(name: str, folder: Path, end: str) -> Iterator[Offered]:
         )
 
 
+def of_apparatus(folder: Path, recordings: Experiment | None) -> Iterator[Offered]:
+    """Figures of what one experiment was made with; its page draws the same by itself."""
+    fits = fits_of(folder)
+    log, law = (recordings.section(MotorLog), recordings.section(Actuation)) if recordings else (None, None)
+    if log and law and fits.determined("actuator_ratio"):
+        what = "encoder against command, their difference, work of the motor's force"
+        yield Offered("motor", what, lambda F: moved(fits, log, law, F))
+    if fits.get("ring_start_s") and (folder / RodMotion.file).exists():
+        yield Offered("ring-down", "ring-down and its fit", lambda F: ring_down(fits, RodMotion.load(folder), F))
+    if (folder / SpringTest.file).exists():
+        what = "force against displacement of the spring, and what its line leaves over"
+        yield Offered("spring", what, lambda F: stretched(fits, SpringTest.load(folder), F))
+    if (folder / Geometry.file).exists():
+        fan = recordings.section(Fan) if recordings else None
+        if (found := air_of(Geometry.load(folder), fan)) is not None:
+            what = "pressure that the bed needs and the fan gives, against air speed"
+            yield Offered("air", what, lambda F: air(found, F))
+
+
 def of_each_kind(r: Results, tracked: dict[str, Path]) -> list[str]:
     """Of each kind of jump the highest."""
     best: dict[str, tuple[float, str]] = {}
@@ -223,9 +246,11 @@ def value(text: str) -> float | str | None:
         return text
 
 
-def draw(source: Path, out: Path, only: tuple[str, ...], formats: tuple[str, ...]) -> list[Path]:
+def draw(
+    source: Path, out: Path, only: tuple[str, ...], formats: tuple[str, ...], recordings: Experiment | None = None
+) -> list[Path]:
     """Draw the figures named (all where none is) into `out`; the files. Raises InputError for unknown names."""
-    found = available(source)
+    found = available(source, recordings)
     problems = [f"--format {f}: not one of {', '.join(FORMATS)}" for f in formats if f not in FORMATS]
     problems += [f"--only {n}: not among the figures of {source}{closest(n, found)}" for n in only if n not in found]
     if not found:

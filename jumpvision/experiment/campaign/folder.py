@@ -24,7 +24,7 @@ from jumpvision.experiment.inputs.sections import Actuation, GrainVideo, MotorLo
 from jumpvision.experiment.results.summary import JumpRow
 from jumpvision.experiment.results.values import CraterShape, Intrusion
 from jumpvision.experiment.workflow.many import draw as draw_experiments
-from jumpvision.experiment.workflow.many import drawing_beside, run_campaign
+from jumpvision.experiment.workflow.many import run_campaign
 from jumpvision.experiment.workflow.provenance import digest_of_results, settle_tables
 from jumpvision.experiment.workflow.run import Outcome, Plan, run_single
 
@@ -130,19 +130,18 @@ def run_folder(
             from .diagnose import question
 
             told = {o.name: o for o in run.outcomes}
-            with drawing_beside(plan, campaign, run.outcomes, workers=workers):
-                run.diagnosis, run.files = question(
-                    campaign,
-                    told,
-                    plan.results,
-                    plan.cache,
-                    workers=workers,
-                    draw=draw,
-                    pictured=pictured,
-                    say=say,
-                    fresh=plan.fresh,
-                    begun=early.begun() if early else None,
-                )
+            run.diagnosis, run.files = question(
+                campaign,
+                told,
+                plan.results,
+                plan.cache,
+                workers=workers,
+                draw=draw,
+                pictured=pictured,
+                say=say,
+                fresh=plan.fresh,
+                begun=early.begun() if early else None,
+            )
         run.files += _craters(run)
         if watcher is not None:
             watcher.found(run)

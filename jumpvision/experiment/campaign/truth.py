@@ -63,7 +63,7 @@ def true_summaries(campaign: Campaign, outcomes: Sequence[Outcome]) -> dict[str,
         from jumpvision.experiment.results.fields import Flow
 
         if "grain_film" in out[o.name] and o.made(Flow):
-            at = true_added_mass(out[o.name]["grain_film"]["pairs"], Flow.load(o.results))
+            at = true_added_mass(out[o.name]["grain_film"]["pairs"], Flow.over_time(o.results))
             out[o.name] = {**out[o.name], "summary": {**out[o.name]["summary"], "added_mass_kg": at}}
     return {name: dict(t.get("summary", {})) for name, t in out.items()}
 

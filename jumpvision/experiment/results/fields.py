@@ -51,6 +51,14 @@ class Field(Record):
         with xr.open_dataset(folder / cls.file, engine="netcdf4", decode_times=False) as d:
             return cls(d.load())
 
+    @classmethod
+    def over_time(cls, folder: Path) -> Self:
+        """Only what it holds over time alone: no plane is read."""
+        import xarray as xr
+
+        with xr.open_dataset(folder / cls.file, engine="netcdf4", decode_times=False) as d:
+            return cls(d[[name for name, v in d.data_vars.items() if v.dims == ("t",)]].load())
+
 
 class Piv(Field):
     """Velocity field (pivpy schema 1) with uncertainties and a reason for every invalid vector.

@@ -94,7 +94,11 @@ def commanded(law: Actuation) -> Forcing:
 
 def read_motor(log: MotorLog, law: Actuation | None) -> tuple[Array, Array]:
     """time [s] and X_m [m] of the encoder, zero at rest before the motor starts."""
-    d = read_log(log, "time_s", "position_m", at_least=8)
+    return motor_in(read_log(log, "time_s", "position_m", at_least=8), law)
+
+
+def motor_in(d: pd.DataFrame, law: Actuation | None) -> tuple[Array, Array]:
+    """The same of a log that has been read."""
     time, position = d.time_s.to_numpy(), d.position_m.to_numpy()
     before = at_rest(time, law.start) if law else np.arange(time.size) < 5
     return time, position - (np.median(position[before]) if before.any() else position[0])

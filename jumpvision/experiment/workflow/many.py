@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
-import threading
-from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from collections.abc import Callable, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from pathlib import Path
@@ -76,7 +74,7 @@ def _run_campaign(
             outcomes[name] = Outcome(name, job.results, errors=why)
         done(outcomes[name])
 
-    bare = replace(plan, pictures=())
+    bare = replace(plan, drawn={})
     left = {n: job._replace(plan=bare) for n, job in jobs.items() if n not in outcomes}
     films = (
         {n for n, job in left.items() if job.experiment.section(GrainVideo) is not None}
@@ -93,7 +91,7 @@ def _run_campaign(
         else:
             now = {s.stage: s for s in first[name].steps} if name in first else {}  # of this run, too
             steps = [now.get(s.stage, s) for s in outcome.steps]
-            outcomes[name] = replace(outcome, steps=steps, undrawn=bool(plan.pictures))
+            outcomes[name] = replace(outcome, steps=steps, undrawn=plan.to_draw(name) != ())
             done(outcomes[name])
             more = {}
         if jumps and films and len(outcomes) < len(jobs) and len(outcomes | first) == len(jobs):
@@ -122,33 +120,6 @@ def draw(
     with no_leftovers(plan):
         _all(_longest_first({n: job for n, job in jobs.items() if made[n].undrawn}), workers, ended)
     return list(made.values())
-
-
-@contextlib.contextmanager
-def drawing_beside(plan: Plan, campaign: Campaign, outcomes: list[Outcome], *, workers: int) -> Iterator[None]:
-    """Beside the work within, pictures are drawn in processes that make way for it, and put into `outcomes`; with its
-    end no further ones are begun."""
-    at = {o.name: i for i, o in enumerate(outcomes) if o.undrawn}
-    jobs = {n: Job(campaign[n], plan, plan.results / n, outcomes[i]) for n, i in at.items()}
-    waiting, ended = iter(_longest_first(jobs).items()), threading.Event()
-
-    def work(pool: ProcessPoolExecutor) -> None:
-        with contextlib.suppress(BrokenProcessPool):  # what it drew is drawn again, alone
-            for name, job in waiting:
-                if ended.is_set():
-                    break
-                outcomes[at[name]] = pool.submit(_run, *job).result()
-
-    if workers <= 1 or not jobs:
-        yield
-        return
-    with worker_pool(workers, aside=True) as pool, ThreadPoolExecutor(workers) as threads:
-        for _ in range(workers):
-            threads.submit(work, pool)
-        try:
-            yield
-        finally:
-            ended.set()
 
 
 Ended = Callable[[str, Outcome], Mapping[str, Job] | None]  # gives what is to be done next
@@ -187,8 +158,9 @@ def _run(experiment: Experiment, plan: Plan, results: Path, before: Outcome | No
 
 def prepare(plan: Plan) -> None:
     """Begins to import, beside this process, what workers need."""
-    drawn = [*plan.pictures, "matplotlib.figure", "matplotlib.backends.backend_agg"] if plan.pictures else []
-    ready([__name__, *modules(), *drawn])
+    many = plan.pictures and (plan.drawn is None or len(plan.drawn) > 1)  # else the one is drawn in this process
+    drawing = ["matplotlib.figure", "matplotlib.backends.backend_agg"] if many else []
+    ready([__name__, *modules(), *plan.pictures, *drawing])
 
 
 def _in_processes(

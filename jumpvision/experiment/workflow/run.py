@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import importlib
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from sys import intern
@@ -39,10 +39,15 @@ class Plan:
     stages: tuple[str, ...] | None = None
     whole: bool = True  # also the tables of a campaign; not for a single stage
     pictures: tuple[str, ...] = ()  # modules whose stages draw figures of the results
+    drawn: Mapping[str, Sequence[str]] | None = None  # of these only such files, by experiment; None: all
     verify: bool = False
     fresh: bool = False  # compute again what other versions made
     debug: bool = False
     command: str = ""
+
+    def to_draw(self, name: str) -> tuple[str, ...] | None:
+        """The files of an experiment's pictures that are drawn; None: of all that its results have."""
+        return () if not self.pictures else None if self.drawn is None else tuple(self.drawn.get(name, ()))
 
 
 @dataclass(frozen=True)
@@ -135,7 +140,7 @@ def run_experiment(
     pictures are then computed, and what failed is not tried again.
     """
     began = time.perf_counter()
-    key = unchanged.key_of(experiment, plan.stages, plan.pictures, plan.fresh)
+    key = unchanged.key_of(experiment, plan.stages, plan.pictures, plan.to_draw(experiment.name), plan.fresh)
     if before is None and not plan.verify and (known := _as_noted(experiment, plan, results, key)):
         return replace(known, seconds=time.perf_counter() - began)
     for module in plan.pictures:
@@ -144,7 +149,7 @@ def run_experiment(
     workspace = Workspace(experiment, results, plan.cache, verify=plan.verify, computes=computes, fresh=plan.fresh)
     outcome = Outcome(experiment.name, results, errors=list(before.errors) if before else [])
     blamed: set[int] = set()
-    stages = list(wanted(plan))
+    stages = list(wanted(plan, experiment.name))
     pictures = [output for output, made in stages if made.picture]
     for output, made in stages:
         if (hook := HOOK.get()) is not None and made.picture:
@@ -191,24 +196,22 @@ def _as_noted(experiment: Experiment, plan: Plan, results: Path, key: str) -> Ou
     told = unchanged.noted(plan.cache, results, key)
     if told is None:
         return None
-    as_now = {"state": "cached", "seconds": 0.0}
-    steps = [Step(**{**s, **as_now, **_shared(s)}) for s in told["steps"]]
+    steps = [_noted(**s) for s in told["steps"]]
     summary = Summary.of(told["summary"]) if told["summary"] else UNKNOWN
     known = Outcome(experiment.name, results, steps, not_run=[*map(intern, told["not_run"])], summary=summary)
     return None if plan.fresh and known.older else known
 
 
-def _shared(step: Toml) -> Mapping[str, object]:
-    """What many steps have alike, as one object for all: a campaign may have 10,000 experiments."""
-    versions = VERSIONS.setdefault(tuple(step["versions"].items()), step["versions"])
-    return {
-        "stage": intern(step["stage"]),
-        "versions": versions,
-        "files": {intern(name): digest for name, digest in step["files"].items()},
-    }
+def _noted(
+    stage: str, warnings: list[Told], versions: Mapping[str, str], files: Mapping[str, str], **_: object
+) -> Step:
+    """A step as of now, one for all experiments whose steps are alike: there may be 10,000. Key and digests, which only
+    who looks into the results asks for, are left in the note."""
+    step = Step(stage, "cached", 0.0, warnings, "", versions, dict.fromkeys(files, ""))
+    return step if warnings else STEPS.setdefault((stage, *versions.items(), *files), step)
 
 
-VERSIONS: dict[tuple[tuple[str, str], ...], Mapping[str, str]] = {}
+STEPS: dict[tuple[object, ...], Step] = {}
 
 
 def _note(workspace: Workspace, outcome: Outcome, key: str) -> None:
@@ -219,12 +222,17 @@ def _note(workspace: Workspace, outcome: Outcome, key: str) -> None:
         unchanged.note(workspace, key, told)
 
 
-def wanted(plan: Plan) -> Iterator[tuple[type, Stage]]:
-    """The stages of a plan, then the registered pictures of what those stages make."""
+def wanted(plan: Plan, name: str) -> Iterator[tuple[type, Stage]]:
+    """The stages of a plan, then the pictures of what those stages make that are drawn of the experiment."""
     chosen = {s.output: s for s in results_stages() if plan.stages is None or s.name in plan.stages}
     yield from chosen.items()
-    drawn = {o: s for o, s in STAGES.items() if s.picture and s.function.__module__ in plan.pictures}
-    yield from ((o, s) for o, s in drawn.items() if s.inputs[0].type in chosen)
+    drawn, files = (
+        [s for s in STAGES.values() if s.picture and s.function.__module__ in plan.pictures],
+        plan.to_draw(name),
+    )
+    yield from (
+        (s.output, s) for s in drawn if s.inputs[0].type in chosen and (files is None or s.output.file in files)
+    )
 
 
 def explain(error: Exception, stage: str, path: Path) -> list[str]:

@@ -47,7 +47,7 @@ def note(workspace: Workspace, key: str, told: Toml) -> None:
     foreign = {s.output.file for s in STAGES.values()} - workspace.outputs.keys()
     content = {
         "key": key,
-        "recordings": {str(path): [str(f) for f in files] for path, files in workspace.recordings.items()},
+        "recordings": {str(path): list(files) for path, files in workspace.recordings.items()},
         "files": {str(f.absolute()): [*seen, digest] for f, (seen, digest) in files.items()},
         "foreign": sorted(foreign.difference(os.listdir(results))),
         "told": told,

@@ -14,7 +14,7 @@ import os
 import sys
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -83,12 +83,11 @@ class Workspace:
         self.experiment, self.results, self.cache, self.verify = experiment, Path(results), Path(cache), verify
         self.computes, self.fresh = computes, fresh
         self.steps: list[Step] = []
-        self.inputs: dict[str, str] = {}  # relative path -> SHA-256
         self._made: dict[type, tuple[str, Record]] = {}
         self._failed: dict[type, Exception] = {}
-        self._read: dict[Path, dict[Path, Stamp]] = {}  # recording -> its files as they were hashed
+        self._read: dict[Path, tuple[str, ...]] = {}  # recording -> its files, of a film of pictures 100,000
         self._published: dict[Path, Stamp] = {}
-        self._hashes: dict[Path, tuple[str, Stamp]] = {}
+        self._hashes: dict[str, tuple[str, Stamp]] = {}  # of files as they were hashed
 
     # -- what can be made ------------------------------------------------------------------------------------
 
@@ -357,20 +356,24 @@ class Workspace:
 
     def _hash(self, path: Path) -> str:
         """SHA-256 of a recording: of a file, or of all files of a folder or pattern with their names."""
-        digests, self._read[path] = {}, {}
-        for f in recording_files(path):
-            digests[f.name], self._read[path][f] = self._hash_file(f)
-            self.inputs[self._relative(f)] = digests[f.name]
+        files = recording_files(path)
+        digests = {f.name: self._hash_file(f)[0] for f in files}
+        self._read[path] = tuple(map(str, files))
         return hashlib.sha256(json.dumps(digests, sort_keys=True).encode()).hexdigest()
 
     @property
-    def recordings(self) -> Mapping[Path, Mapping[Path, Stamp]]:
+    def recordings(self) -> Mapping[Path, Sequence[str]]:
         """The recordings that were read, as sections name them: their files."""
         return self._read
 
+    @property
+    def inputs(self) -> dict[str, str]:
+        """SHA-256 of what was read, by its name in provenance.json."""
+        return {self._relative(f): self._hashes[f][0] for read in self._read.values() for f in read}
+
     def counted(self) -> dict[Path, tuple[Stamp, str]]:
         """Stamp and SHA-256 of what the results were made of and of themselves; of entries in the cache "" for it."""
-        files = {f: (at, self.inputs[self._relative(f)]) for read in self._read.values() for f, at in read.items()}
+        files = {Path(f): self._hashes[f][::-1] for read in self._read.values() for f in read}
         found = [(entries.place(self.cache, s.stage, s.key), s.files) for s in self.steps]
         nothing = [o for o, e in self._failed.items() if isinstance(e, NotApplicable)]
         found += [(entries.place(self.cache, STAGES[o].name, self.key(o)), {}) for o in nothing]
@@ -379,12 +382,12 @@ class Workspace:
             files |= {f: (stamp(f), "") for f in (entry / entries.RECEIPT, *(entry / n for n in outputs))}
         return files
 
-    def _relative(self, file: Path) -> str:
+    def _relative(self, file: str) -> str:
         """A recording's name in provenance.json; whole where it lies on another drive."""
         try:
             return os.path.relpath(file, self.experiment.path).replace(os.sep, "/")
         except ValueError:
-            return file.as_posix()
+            return Path(file).as_posix()
 
     def _keep_only_of_what_was_hashed(self, made: Stage, parts: entries.Parts) -> None:
         try:
@@ -398,10 +401,11 @@ class Workspace:
         files of a recording that are looked at, else none."""
         for i in made.inputs:
             section = self.experiment.section(i.type) if issubclass(i.type, Section) else None
-            files = self._read.get(getattr(section, "path", None), {})  # type: ignore[arg-type]
-            for f, at in files.items() if len(files) <= most else ():
+            files = self._read.get(getattr(section, "path", None), ())  # type: ignore[arg-type]
+            for f in files if len(files) <= most else ():
+                digest, at = self._hashes[f]
                 try:
-                    same = stamp(f) == at or sha256(f) == self.inputs[self._relative(f)]
+                    same = stamp(f) == at or sha256(Path(f)) == digest
                 except OSError:
                     same = False
                 if not same:
@@ -409,14 +413,15 @@ class Workspace:
 
     def _hash_file(self, path: Path) -> tuple[str, Stamp]:
         """SHA-256 of a file, remembered while its stamp stays, and the stamp."""
-        at = stamp(path)
-        if path in self._hashes and self._hashes[path][1] == at:
-            return self._hashes[path]
+        at, name = stamp(path), str(path)
+        if name in self._hashes and self._hashes[name][1] == at:
+            return self._hashes[name]
         if not self.verify:
             try:
                 known = recall(self.cache, HASHES, path)
                 if tuple(known["stamp"]) == at:
-                    return str(known["sha256"]), at
+                    self._hashes[name] = str(known["sha256"]), at
+                    return self._hashes[name]
             except (OSError, ValueError):
                 pass
         for _ in range(ATTEMPTS):
@@ -429,5 +434,5 @@ class Workspace:
         if settled(at, time.time()):
             entries.mark(self.cache)
             remember(self.cache, HASHES, path, {"stamp": at, "sha256": digest})
-        self._hashes[path] = digest, at
+        self._hashes[name] = digest, at
         return digest, at

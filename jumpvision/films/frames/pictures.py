@@ -160,20 +160,21 @@ class ImageFilm(Film):
     def __init__(
         self, path: Path, *, files: Sequence[Path] | None = None, frame_rate: float | None, start: float
     ) -> None:
-        self._files, positions, warnings = numbering(path, list(files or [path]))
-        sizes = [image_size(file) for file in self._files]  # before a pixel is decoded: a damaged size is refused here
-        first = read_image(self._files[0])
-        for file, size in zip(self._files, sizes):
+        ordered, positions, warnings = numbering(path, list(files or [path]))
+        sizes = [image_size(file) for file in ordered]  # before a pixel is decoded: a damaged size is refused here
+        first = read_image(ordered[0])
+        for file, size in zip(ordered, sizes):
             if size != first.shape:
                 raise FrameError(
-                    f"{file}: {size[0]} x {size[1]} pixels, but {self._files[0].name} has {first.shape[0]} x "
+                    f"{file}: {size[0]} x {size[1]} pixels, but {ordered[0].name} has {first.shape[0]} x "
                     f"{first.shape[1]}; a film needs one size; leave it out or give a pattern that does"
                 )
+        self._files = [str(file) for file in ordered]  # a path takes four times the memory
         super().__init__(
             path,
             shape=(first.shape[0], first.shape[1]),
             dtype=first.dtype,
-            clock=clock(path, len(self._files), start=start, frame_rate=frame_rate, positions=positions),
+            clock=clock(path, len(ordered), start=start, frame_rate=frame_rate, positions=positions),
             warnings=warnings,
             meta={"format": "images", "bit_depth": 8 * first.dtype.itemsize},
         )
@@ -181,10 +182,10 @@ class ImageFilm(Film):
     @property
     def files(self) -> tuple[Path, ...]:
         """The image of each frame."""
-        return tuple(self._files)
+        return tuple(map(Path, self._files))
 
     def _read(self, i: int) -> Image:
-        file = self._files[i]
+        file = Path(self._files[i])
         image = read_image(file)
         if image.shape != self.shape or image.dtype != self.dtype:
             raise FrameError(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -32,34 +32,68 @@ class AirPicture(Picture):
 @stage(version=2, picture=True)
 def air_picture(geometry: Geometry, fan: Fan | None) -> AirPicture:
     """Pressure against air speed: Ergun, Wu, the bed's weight, and where it is given the fan's curve and its place."""
+    if (found := air_of(geometry, fan)) is None:
+        raise NotApplicable(["air_picture needs [bed] grain_diameter, a volume fraction and the bed's height"])
+    with styled() as Figure:
+        return AirPicture(png(air(found, Figure)))
+
+
+class Air(NamedTuple):
+    """Pressures [Pa] at air speeds [m/s]. lines: of the bed by law and with its duct; onsets, works: (speed, pressure);
+    weight of the bed; title: whether it moves."""
+
+    speed: Array
+    lines: dict[str, Array]
+    onsets: dict[str, tuple[float, float]]
+    weight: float
+    fan: tuple[Sequence[float], Sequence[float]] | None
+    works: tuple[float, float] | None
+    title: str
+
+    @property
+    def top(self) -> float:
+        """What is shown of the pressure: as high as the bed's weight and the fan."""
+        return 1.15 * max((self.weight, *(self.fan[1] if self.fan else ())))
+
+
+def air_of(geometry: Geometry, fan: Fan | None) -> Air | None:
+    """The air through a bed; None where its grains, packing or height are not known."""
     flow, height = geometry.values["fluidisation"], geometry.values["bed_height_m"]
     weight = flow["bed_weight_Pa"] if flow else None
     if flow is None or height is None or weight is None:
-        raise NotApplicable(["air_picture needs [bed] grain_diameter, a volume fraction and the bed's height"])
+        return None
     known = fan if fan and fan.speed else None
     v = np.linspace(0.0, max(1.6 * flow["onset_wu_m_s"], known.speed[-1] if known else 0.0), 300)
-    with styled() as Figure:
-        figure = Figure(figsize=(6.0, 3.6), layout="constrained")
-        axis = figure.subplots()
-        onsets = flow["onset_ergun_m_s"], flow["onset_wu_m_s"]
-        for name, onset, color in zip(("ergun", "wu"), onsets, (QUIET, MEASURED)):
-            drop = Drop(**flow["laws"][name])
-            axis.plot(v, height * drop(v) / 1e3, color=color, label=f"{name.title()}, onset {onset:.3f} m/s")
-            axis.plot(onset, weight / 1e3, "o", color=color, ms=4)
-        axis.axhline(weight / 1e3, color=GREEN, ls="--", lw=1, label="weight of the bed")
-        title = "air through the bed"
-        if known:
-            axis.plot(known.speed, np.array(known.pressure) / 1e3, ".-", color=MODEL, label="fan")
-            title += ": the bed is fluidised" if flow["fluidised"] else ": the bed stays at rest"
-        if known and known.loss:
-            lifted = np.minimum(height * Drop(**flow["laws"]["wu"])(v), weight)
-            axis.plot(v, (lifted + known.loss * v**2) / 1e3, color=MEASURED, ls=":", label="bed (Wu) and duct")
-        if (at := flow.get("fan_speed_m_s")) is not None and (pressure := flow.get("fan_pressure_Pa")) is not None:
-            axis.plot(at, pressure / 1e3, "*", ms=11, color=ACCENT, label="works here")
-        axis.set_ylim(0.0, 1.15 * max((weight, *(known.pressure if known else ()))) / 1e3)
-        axis.set(title=title, xlabel="superficial air speed [m/s]", ylabel="pressure [kPa]")
-        axis.legend()
-        return AirPicture(png(figure))
+    lines, onsets = {}, {}
+    for law, onset in (("ergun", flow["onset_ergun_m_s"]), ("wu", flow["onset_wu_m_s"])):
+        name = f"{law.title()}, onset {onset:.3f} m/s"
+        lines[name], onsets[name] = height * Drop(**flow["laws"][law])(v), (onset, weight)
+    if known and known.loss:
+        lines["bed (Wu) and duct"] = np.minimum(height * Drop(**flow["laws"]["wu"])(v), weight) + known.loss * v**2
+    at, pressure = flow.get("fan_speed_m_s"), flow.get("fan_pressure_Pa")
+    works = (at, pressure) if at is not None and pressure is not None else None
+    moves = "" if not known else ": the bed is fluidised" if flow["fluidised"] else ": the bed stays at rest"
+    curve = (known.speed, known.pressure) if known else None
+    return Air(v, lines, onsets, weight, curve, works, f"air through the bed{moves}")
+
+
+def air(a: Air, Figure: NewFigure) -> Figure:
+    """Pressure against air speed."""
+    figure = Figure(figsize=(6.0, 3.6), layout="constrained")
+    axis = figure.subplots()
+    for (name, pressure), color, ls in zip(a.lines.items(), (QUIET, MEASURED, MEASURED), ("-", "-", ":")):
+        axis.plot(a.speed, pressure / 1e3, color=color, ls=ls, label=name)
+        if name in a.onsets:
+            axis.plot(a.onsets[name][0], a.onsets[name][1] / 1e3, "o", color=color, ms=4)
+    axis.axhline(a.weight / 1e3, color=GREEN, ls="--", lw=1, label="weight of the bed")
+    if a.fan:
+        axis.plot(a.fan[0], np.array(a.fan[1]) / 1e3, ".-", color=MODEL, label="fan")
+    if a.works:
+        axis.plot(a.works[0], a.works[1] / 1e3, "*", ms=11, color=ACCENT, label="works here")
+    axis.set_ylim(0.0, a.top / 1e3)
+    axis.set(title=a.title, xlabel="superficial air speed [m/s]", ylabel="pressure [kPa]")
+    axis.legend()
+    return figure
 
 
 class CraterPicture(Picture):

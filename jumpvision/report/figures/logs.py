@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from jumpvision.experiment.campaign.measured.intrusions import IntrusionLaws, Sl
 from jumpvision.experiment.inputs.logs import read_log
 from jumpvision.experiment.inputs.sections import Actuation, MotorLog, NotApplicable
 from jumpvision.experiment.results.values import ConeValues, Fits, Intrusion, IntrusionEvent, SpringTest
-from jumpvision.experiment.stages.rod import commanded, read_motor
+from jumpvision.experiment.stages.rod import commanded, motor_in
 from jumpvision.experiment.workflow.stage import stage
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, NewFigure, styled
 
@@ -187,31 +187,39 @@ class SpringPicture(Picture):
 
 @stage(version=2, picture=True)
 def spring_picture(fit: Fits, spring: SpringTest) -> SpringPicture:
+    """Force against displacement of the spring, with its line."""
+    with styled() as Figure:
+        return SpringPicture(png(stretched(fit, spring, Figure)))
+
+
+def stretched(fit: Fits, spring: SpringTest, Figure: NewFigure) -> Figure:
     """Loading and unloading apart; the two lines of a loop; turning points, which are left out, in grey."""
     p = spring.values["profile"]
-    x, force, fitted = np.array(p["displacement_m"]) * 1e3, np.array(p["force_N"]), np.array(p["fitted_N"])
+    x, force, fitted = (np.array(p[k], float) for k in ("displacement_m", "force_N", "fitted_N"))
+    x = x * 1e3
     left, direction = force - fitted, np.array(p["direction"])
-    with styled() as Figure:
-        figure = Figure(figsize=(8.6, 3.4), layout="constrained")
-        whole, rest = figure.subplots(1, 2, width_ratios=(1.3, 1))
-        turning = direction == 0
-        whole.plot(x[turning], force[turning], ".", ms=3, color=QUIET, label="turning points, left out")
-        for sign, label, color in ((1, "growing displacement", MEASURED), (-1, "falling displacement", MODEL)):
-            mine = direction == sign
-            if mine.any():
-                order = np.flatnonzero(mine)[np.argsort(x[mine])]
-                whole.plot(x[mine], force[mine], ".", ms=4, color=color, label=label)
-                whole.plot(x[order], fitted[order], color=color, lw=0.8)
-                rest.plot(x[mine], left[mine], ".", ms=4, color=color)
-        rest.axhline(0.0, color=QUIET, lw=0.8)
-        whole.legend()
-        whole.set(
-            xlabel="displacement [mm]", ylabel="force [N]", title=f"k = {with_sigma(fit['spring_stiffness'])} N/m"
-        )
-        loop = fit.get("spring_hysteresis_N")
-        title = f"hysteresis ±{with_sigma(loop)} N" if loop else "one direction: no hysteresis measured"
-        rest.set(xlabel="displacement [mm]", ylabel="measured − line [N]", title=title)
-        return SpringPicture(png(figure))
+    figure = Figure(figsize=(8.6, 3.4), layout="constrained")
+    whole, rest = figure.subplots(1, 2, width_ratios=(1.3, 1))
+    turning = direction == 0
+    whole.plot(x[turning], force[turning], ".", ms=3, color=QUIET, label="turning points, left out")
+    for sign, label, color in ((1, "growing displacement", MEASURED), (-1, "falling displacement", MODEL)):
+        mine = direction == sign
+        if mine.any():
+            order = np.flatnonzero(mine)[np.argsort(x[mine])]
+            whole.plot(x[mine], force[mine], ".", ms=4, color=color, label=label)
+            whole.plot(x[order], fitted[order], color=color, lw=0.8)
+            rest.plot(x[mine], left[mine], ".", ms=4, color=color)
+    rest.axhline(0.0, color=QUIET, lw=0.8)
+    whole.legend()
+    whole.set(xlabel="displacement [mm]", ylabel="force [N]", title=f"k = {with_sigma(fit['spring_stiffness'])} N/m")
+    rest.set(xlabel="displacement [mm]", ylabel="measured − line [N]", title=hysteresis_words(fit))
+    return figure
+
+
+def hysteresis_words(fit: Fits) -> str:
+    """The loop of a spring test."""
+    loop = fit.get("spring_hysteresis_N")
+    return f"hysteresis ±{with_sigma(loop)} N" if loop else "one direction: no hysteresis measured"
 
 
 def with_sigma(e: Estimate, factor: float = 1.0) -> str:
@@ -228,35 +236,58 @@ def motor_picture(fits: Fits, log: MotorLog, law: Actuation) -> MotorPicture:
     """Encoder and command, their difference, and where force was logged the work it does."""
     if not fits.determined("actuator_ratio"):
         raise NotApplicable(["motor_picture needs a log from rest to rest"])
-    t, position = read_motor(log, law)
+    with styled() as Figure:
+        return MotorPicture(png(moved(fits, log, law, Figure)))
+
+
+class Played(NamedTuple):
+    """A motor about its command: time [s], places on the rod [m]; work [J] of its force so far, None where unknown."""
+
+    t: Array
+    command: Array
+    position: Array
+    work: Array | None
+
+
+def played(fits: Fits, log: MotorLog, law: Actuation) -> Played:
+    """What the motor did, and was told to, from shortly before to shortly after."""
+    logged = read_log(log, "time_s", "position_m", optional=("force_N",), at_least=8)
+    t, position = motor_in(logged, law)
     around = (t > law.start - 0.05) & (t < law.stop + 0.1)
     t, position = t[around], position[around]
-    command = commanded(law)(t)[0]
-    logged = read_log(log, "time_s", "position_m", optional=("force_N",))
-    force = logged.force_N.to_numpy()[around] if "force_N" in logged else None
-    done, peak = fits.get("motor_work_J"), fits.determined("peak_power_W")
-    with styled() as Figure:
-        panels = 3 if force is not None and done else 2
-        figure = Figure(figsize=(3.3 * panels, 3.2), layout="constrained")
-        axes = figure.subplots(1, panels)
-        axes[0].plot(t, command * 1e3, color=MODEL, label="command")
-        axes[0].plot(t, position * 1e3, ".", ms=2, color=MEASURED, label="encoder")
-        axes[0].set(title=f"ratio {with_sigma(fits['actuator_ratio'])}", ylabel="motor on the rod [mm]")
-        axes[1].plot(t, (position - command) * 1e3, color=MEASURED, lw=0.8)
-        axes[1].set(title=f"lag {with_sigma(fits['actuator_lag_s'], 1e3)} ms", ylabel="encoder − command [mm]")
-        if force is not None and done:
-            work = np.r_[0.0, np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(position))]
-            axes[2].plot(t, work, color=MEASURED, label="so far")
-            axes[2].axhline(done.value, color=QUIET, lw=0.8, ls="--", label="in all")
-            title = f"work {with_sigma(done)} J"
-            if peak:
-                title += f"\npeak power {with_sigma(peak)} W"
-            axes[2].set(title=title, ylabel="work of the motor's force [J]")
-        for axis in axes:
-            axis.axvspan(law.start, law.stop, color=ACCENT, alpha=0.12, lw=0, label="motor runs")
-            axis.set_xlabel("time [s]")
-            axis.legend()
-        return MotorPicture(png(figure))
+    work = None
+    if fits.get("motor_work_J"):
+        force = logged.force_N.to_numpy()[around]
+        work = np.r_[0.0, np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(position))]
+    return Played(t, commanded(law)(t)[0], position, work)
+
+
+def moved(fits: Fits, log: MotorLog, law: Actuation, Figure: NewFigure) -> Figure:
+    """Encoder and command, their difference, the work of the motor's force."""
+    m = played(fits, log, law)
+    panels = 2 if m.work is None else 3
+    figure = Figure(figsize=(3.3 * panels, 3.2), layout="constrained")
+    axes = figure.subplots(1, panels)
+    axes[0].plot(m.t, m.command * 1e3, color=MODEL, label="command")
+    axes[0].plot(m.t, m.position * 1e3, ".", ms=2, color=MEASURED, label="encoder")
+    axes[0].set(title=f"ratio {with_sigma(fits['actuator_ratio'])}", ylabel="motor on the rod [mm]")
+    axes[1].plot(m.t, (m.position - m.command) * 1e3, color=MEASURED, lw=0.8)
+    axes[1].set(title=f"lag {with_sigma(fits['actuator_lag_s'], 1e3)} ms", ylabel="encoder − command [mm]")
+    if m.work is not None:
+        axes[2].plot(m.t, m.work, color=MEASURED, label="so far")
+        axes[2].axhline(fits["motor_work_J"].value, color=QUIET, lw=0.8, ls="--", label="in all")
+        axes[2].set(title=work_words(fits, "\n"), ylabel="work of the motor's force [J]")
+    for axis in axes:
+        axis.axvspan(law.start, law.stop, color=ACCENT, alpha=0.12, lw=0, label="motor runs")
+        axis.set_xlabel("time [s]")
+        axis.legend()
+    return figure
+
+
+def work_words(fits: Fits, between: str) -> str:
+    """What the motor's force did."""
+    peak = fits.determined("peak_power_W")
+    return f"work {with_sigma(fits['motor_work_J'])} J" + (f"{between}peak power {with_sigma(peak)} W" if peak else "")
 
 
 def actuator(rows: Sequence[Driven], found: Bandwidth, Figure: NewFigure) -> Figure:

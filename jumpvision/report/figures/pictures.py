@@ -254,26 +254,35 @@ RING = ("frequency_hz", "zeta", "ring_amplitude_m", "ring_offset_m", "ring_phase
 
 def draw_ring(axis: Axes, fits: Fits, rod: RodMotion) -> None:
     """The ring-down after the last landing and its damped cosine."""
+    (t, h), (line, wave) = ringing(fits, rod)
+    axis.plot(t, h * 1e3, ".", ms=3, color=MEASURED, label="measured")
+    axis.plot(line, wave * 1e3, color=MODEL, lw=0.8, label="fit")
+    axis.legend(loc="upper right")
+    f, zeta = fits["frequency_hz"].value, fits["zeta"].value
+    axis.set(title=rf"ring-down {f:.3f} Hz, $\zeta$ = {zeta:.4f}", xlabel="time [s]", ylabel="height [mm]")
+
+
+def ring_down(fits: Fits, rod: RodMotion, Figure: NewFigure) -> Figure:
+    """The figure of a ring-down."""
+    figure = Figure(figsize=(4.4, 3.0), layout="constrained")
+    draw_ring(figure.subplots(), fits, rod)
+    return figure
+
+
+def ringing(fits: Fits, rod: RodMotion) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Time [s] and height [m] about rest of the ring-down, as measured and as fitted."""
     t, h, _ = rod.arrays
     f, zeta, a, offset, phase, start, stop = (fits[k].value for k in RING)
     w = (t >= start) & (t <= stop)
-    axis.plot(t[w], (h[w] - offset) * 1e3, ".", ms=3, color=MEASURED, label="measured")
     line = np.linspace(start, stop, 1500)
     omega0 = 2 * np.pi * f / np.sqrt(1 - zeta**2)
     wave = a * np.exp(-zeta * omega0 * (line - start)) * np.cos(2 * np.pi * f * (line - start) + phase)
-    axis.plot(line, wave * 1e3, color=MODEL, lw=0.8, label="fit")
-    axis.legend(loc="upper right")
-    axis.set(title=rf"ring-down {f:.3f} Hz, $\zeta$ = {zeta:.4f}", xlabel="time [s]", ylabel="height [mm]")
+    return (t[w], h[w] - offset), (line, wave)
 
 
 def draw_profile(axis: Axes, fits: Fits, column: Column) -> None:
     """Speed below the foot at the frame with the fastest foot, and the exponential a^(z+b)."""
-    c = column.field
-    i = (
-        int(np.nanargmax(np.where(np.isfinite(c.beta_deg), c.max_speed, np.nan)))
-        if np.isfinite(c.beta_deg).any()
-        else 0
-    )
+    c, i = column.field, fastest(column)
     z = c.depth.values[:, i]
     top = float(c.max_speed[i])
     axis.errorbar(
@@ -289,6 +298,13 @@ def draw_profile(axis: Axes, fits: Fits, column: Column) -> None:
         title=f"central column, t = {float(c.t[i]):.3f} s", xlabel="z below the foot [mm]", ylabel="speed / largest"
     )
     axis.legend()
+
+
+def fastest(column: Column) -> int:
+    """The frame with the fastest foot of those with an exponential."""
+    c = column.field
+    known = np.isfinite(c.beta_deg)
+    return int(np.nanargmax(np.where(known, c.max_speed, np.nan))) if known.any() else 0
 
 
 def draw_beta(axis: Axes, fits: Fits, column: Column) -> None:
@@ -367,17 +383,23 @@ def draw_sides(axis: Axes, column: xr.Dataset, i: int) -> None:
 def draw_history(axis: Axes, fits: Fits, column: Column) -> None:
     """Speed below the foot over depth and time, as a share of each frame's largest; the front's thickness on it."""
     c = column.field
-    z, shown = c.depth.values * 1e3, (c.speed / c.max_speed).transpose("y", "t").values
-    deep = np.nanmax(np.where(np.isfinite(shown), z, np.nan), initial=0.0)
-    levels = np.linspace(0.0, deep, shown.shape[0])
-    rows = [_at_levels(levels, z[:, i], shown[:, i]) for i in range(shown.shape[1])]
-    drawn = axis.pcolormesh(c.t, levels, np.transpose(rows), shading="nearest", vmin=0.0, vmax=1.0, rasterized=True)
+    levels, shown = history(column)
+    levels, deep = levels * 1e3, levels[-1] * 1e3
+    drawn = axis.pcolormesh(c.t, levels, shown, shading="nearest", vmin=0.0, vmax=1.0, rasterized=True)
     axis.plot(c.t, c.jammed_thickness * 1e3, "w.", ms=3)
     axis.figure.colorbar(drawn, ax=axis, label="speed / largest")
     axis.set(title="central column (white: front)", xlabel="time [s]", ylabel="z below the foot [mm]", ylim=(deep, 0.0))
     if (seen := np.flatnonzero(np.isfinite(shown).any(axis=0))).size > 1:
         axis.set_xlim(float(c.t[seen[0]]), float(c.t[seen[-1]]))
     axis.grid(False)
+
+
+def history(column: Column) -> tuple[Array, Array]:
+    """Depths below the foot (n,) [m], and the speed there over each frame's largest (n, t), NaN where not seen."""
+    c = column.field
+    z, shown = c.depth.values, (c.speed / c.max_speed).transpose("y", "t").values
+    levels = np.linspace(0.0, np.nanmax(np.where(np.isfinite(shown), z, np.nan), initial=0.0), shown.shape[0])
+    return levels, np.transpose([_at_levels(levels, z[:, i], shown[:, i]) for i in range(shown.shape[1])])
 
 
 def _at_levels(levels: Array, z: Array, values: Array) -> Array:

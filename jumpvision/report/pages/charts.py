@@ -9,11 +9,13 @@ from typing import NamedTuple, NotRequired, TypedDict, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jumpvision.base.arrays import Array
+from jumpvision.base.arrays import Array, measured
 from jumpvision.base.numbers import between, times
 from jumpvision.engine.detect import LEVEL
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.values import Cell, Gain
+from jumpvision.estimate.robot import Bandwidth
+from jumpvision.experiment.campaign.measured.actuator import Driven
 from jumpvision.experiment.results.summary import JumpRow
 from jumpvision.experiment.results.values import Fits
 from jumpvision.jumper.question.jumps import PARTS
@@ -118,7 +120,8 @@ MOST = 3000  # points of a series in a page: two a pixel
 def numbers(values: ArrayLike, factor: float = 1.0, digits: int = 5) -> Numbers:  # significant figures
     """Values times factor with so many significant figures; None where they are not finite."""
     array = np.asarray(values, float) * factor
-    return [float(f"{v:.{digits}g}") if np.isfinite(v) else None for v in array]
+    rounded = (f"%.{digits}g " * array.size % tuple(array.tolist())).split()
+    return [float(v) if known else None for v, known in zip(rounded, np.isfinite(array).tolist())]
 
 
 def axis(label: str, unit: str = "", **look: Unpack[AxisLook]) -> Axis:
@@ -225,6 +228,39 @@ def heights_chart(rows: Sequence[JumpRow], diagnosis: Diagnosis | None = None) -
     if extends:
         legend.append({"name": "extended model", "role": "ink", "size": 3})
     return {**chart("Jump heights", panels, words), "legend": legend}
+
+
+def actuator_chart(rows: Sequence[Driven], found: Bandwidth) -> Chart:
+    """Amplitude ratio with the -3 dB level and the bandwidth, and lag, both against frequency."""
+    f, x = [r.frequency for r in rows], axis("frequency", "Hz")
+    (ratio, ratio_sigma), (lag, lag_sigma) = (
+        np.array([r.fits[name] for r in rows]).T for name in ("actuator_ratio", "actuator_lag_s")
+    )
+    rules: list[Rule] = [{"y": found.gain.value / np.sqrt(2.0)}] if np.isfinite(found.gain.value) else []
+    spans, words = [], "Bars are ±2σ. Dashed: 3 dB below low frequencies."
+    if np.isfinite(found.cutoff.value):
+        rules.append({"x": found.cutoff.value})
+        spans = [(found.low, found.high, "95 %")]
+        words += f" Bandwidth {measured(found.cutoff.value, found.cutoff.sigma)} Hz."
+    names: SeriesLook = {"label": [r.experiment for r in rows]}
+    panels = [
+        panel(
+            "encoder / command",
+            x,
+            axis("amplitude ratio"),
+            [series("ratio", "measured", f, ratio, ratio_sigma, **names)],
+            rules=rules,
+            spans=spans,
+        ),
+        panel(
+            "lag behind the command",
+            x,
+            axis("lag", "ms"),
+            [series("lag", "measured", f, lag * 1e3, lag_sigma * 1e3, **names)],
+            rules=[{"y": 0}],
+        ),
+    ]
+    return chart("The actuator", panels, words)
 
 
 def diagnosis_charts(d: Diagnosis | None) -> list[Chart]:

@@ -168,4 +168,12 @@ def intrusion_chart(results: Path) -> Chart | None:
             height=170,
         ),
     ]
+    kinds = {"reintrusion": ("re-intrusion", "measured"), "stop_go": ("stop-go", "accent")}
+    over = [
+        series(word, role, *np.array([(e["depth_m"] * 1e3, e["overshoot_N"], e["sigma_N"]) for e in mine]).T)
+        for kind, (word, role) in kinds.items()
+        if (mine := [e for e in v["events"] if e["kind"] == kind])
+    ]
+    if over:
+        panels.append(panel("overshoot after a pause or a withdrawal", depth, axis("force", "N", zero=True), over))
     return chart("Slow intrusion", panels, "Dashed: the depth δ of the bend." if rules else "", stacked=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable, Mapping
 from functools import cache
 from importlib.resources import files as resources
 from pathlib import Path
@@ -25,14 +26,15 @@ from jumpvision.experiment.campaign.truth import (
     details,
     overview,
 )
-from jumpvision.experiment.inputs.experiment import Campaign
+from jumpvision.experiment.inputs.experiment import Campaign, Experiment
 from jumpvision.experiment.inputs.sections import Actuation
 from jumpvision.experiment.results.summary import JumpRow
 from jumpvision.experiment.results.values import CraterShape, Fits, Intrusion
 from jumpvision.experiment.workflow.run import Outcome
 
-from .charts import diagnosis_charts, fits_of, heights_chart
-from .experiment_charts import experiment_charts, whole_disc
+from .apparatus_charts import apparatus_charts
+from .charts import actuator_chart, diagnosis_charts, fits_of, heights_chart
+from .experiment_charts import experiment_charts, intrusion_chart, whole_disc
 from .quantities import HALF, WHOLE, fit_rows, typeset
 from .verdict import VerdictShown, causes_shown, detectable_shown, suggested_shown
 from .words import campaign_words, drawing, experiment_words, film, inline, noise_words, poster, preview
@@ -44,16 +46,12 @@ PICTURES = {  # file: (heading, what it shows)
     "track.png": ("Tracking", "a frame of the film with the path of the ball, and height against time"),
     "bed.png": ("Bed", "side view of the bed with the surface found"),
     "crater.png": ("Crater", "the crater's surface and its profile about the axis"),
-    "air.png": ("Fluidisation", "pressure that the bed needs and the fan gives, against air speed"),
     "piv.png": ("Velocity field", "velocity vectors over a frame of the film"),
     "flow.png": ("Flow", "strain of the flow; under a foot also momentum against time and added mass against depth"),
     "validation.png": ("Validation", "raw vectors, by what became of them, at the worst moment and over time"),
     "statistics.png": ("Statistics", "mean flow, its vorticity, fluctuations and Reynolds stress"),
     "profiles.png": ("Profiles", "mean velocity and fluctuations along the lines of [params.profiles]"),
     "paths.png": ("Paths", "where the grains of [params.paths] went, coloured by their mean speed"),
-    "motor.png": ("Motor", "encoder against command, their difference, and the work of the motor's force"),
-    "spring.png": ("Spring", "force against displacement of the spring with its line, and what the line leaves over"),
-    "fits.png": ("Fits", "fits beside the data they were made on"),
 }
 # hold a frame of a film: dimmed on a dark page, all others turned dark
 FRAMES = ("track.png", "bed.png", "piv.png", "validation.png")
@@ -62,7 +60,19 @@ FILMS = {
     "piv.webm": ("Velocity field", "the film with velocity vectors, in slow motion"),
     "cone.webm": ("The growing cone", "film of the grains with the shear bands and the sides of the jammed cone"),
 }
-PREVIEWS = ("flow.png", "piv.png", "bed.png", "track.png", "crater.png", "intrusion.png")  # of one experiment at most
+PREVIEWS = ("flow.png", "piv.png", "bed.png", "track.png", "crater.png")  # of one experiment on the campaign's page
+
+SHOWS = (  # a result, and a picture of it on the page
+    ("track.csv", "track.png"),
+    ("bed.json", "bed.png"),
+    ("crater.json", "crater.png"),
+    ("piv.nc", "validation.png"),
+)
+
+
+def undrawn(results: Path) -> bool:
+    """Whether pictures that the pages would show wait to be asked for."""
+    return any((results / made).exists() and not (results / picture).exists() for made, picture in SHOWS)
 
 
 def write_campaign(
@@ -73,13 +83,17 @@ def write_campaign(
     diagnosis: Diagnosis | None,
     warned: list[str],
     mark: str,
+    *,
+    seen: Callable[[Outcome], Mapping[str, str]],
+    draws: str,
 ) -> None:
-    """The page of a campaign. warned: what is to be doubted of it, in sentences; mark: for the page's head."""
+    """The page of a campaign. warned: what is to be doubted of it, in sentences; mark: for the page's head; seen: gives
+    the frames of an experiment, as `thumbs`; draws: the command that draws the pictures of all pages."""
     from jumpvision.experiment.campaign.measured.actuator import actuator_bandwidth, driven
     from jumpvision.experiment.campaign.measured.craters import measured_in, zero_crossing
     from jumpvision.experiment.campaign.measured.intrusions import intrusion_laws, slow_intrusions, stepped
     from jumpvision.report.figures.bed import critical
-    from jumpvision.report.figures.logs import actuator, resistances, steps
+    from jumpvision.report.figures.logs import resistances, steps
 
     craters = measured_in(outcomes)
     crossing = zero_crossing(craters) if craters else None
@@ -93,6 +107,8 @@ def write_campaign(
     shown = richest(outcomes)
     cone = shown.results / "cone.webm" if shown is not None else None
     moving = {"src": film(cone), "poster": poster(cone)} if cone is not None and cone.exists() else None
+    there = {f: preview(shown.results / f) for f in PREVIEWS if shown is not None and (shown.results / f).exists()}
+    frames = seen(shown) if shown is not None and undrawn(shown.results) else {}
     text = template("campaign.html.j2").render(
         key=mark,
         style=style(),
@@ -110,21 +126,19 @@ def write_campaign(
         model=diagnosis,
         critical=drawing(critical, craters, crossing) if packed else None,
         intrusions=drawing(resistances, intruded, intrusion_laws(intruded)) if intruded else None,
+        intrusion=intrusion_chart(results / intruded[0].experiment) if intruded else None,
         in_steps=drawing(steps, in_steps) if (in_steps := stepped(intruded)) else None,
-        actuator=drawing(actuator, motors, actuator_bandwidth(motors)) if swept else None,
+        actuator=actuator_chart(motors, actuator_bandwidth(motors)) if swept else None,
         table=linked(typeset_rows(overview(campaign, outcomes)), outcomes),
         details=typeset_rows(filmed_foot(details(campaign, outcomes), outcomes)),
         chance=typeset(coverage_words(campaign, outcomes)),
         shown=shown,
         previews=[
-            {
-                "src": preview(shown.results / f),
-                "heading": PICTURES.get(f, ("Intrusion", ""))[0],
-                "plot": f not in FRAMES,
-            }
+            {"src": src, "heading": PICTURES[f][0], "plot": f in there and f not in FRAMES}
             for f in PREVIEWS
-            if shown is not None and (shown.results / f).exists()
+            if (src := there.get(f) or frames.get(f))
         ],
+        draws=draws if shown is not None and undrawn(shown.results) else "",
         film=moving,
         warnings=warned,
         excluded=campaign.excluded,
@@ -183,9 +197,19 @@ def half_foot(d: Diagnosis, outcomes: list[Outcome]) -> str:
     )
 
 
-def write_experiment(outcome: Outcome, law: Actuation | None, back: str, receipt: str, mark: str) -> None:
-    """The page of one experiment. back: address of the campaign's; receipt: its provenance.json."""
-    folder = outcome.results
+def write_experiment(
+    outcome: Outcome,
+    experiment: Experiment | None,
+    back: str,
+    receipt: str,
+    mark: str,
+    *,
+    seen: Callable[[Outcome], Mapping[str, str]],
+    draws: str,
+) -> None:
+    """The page of one experiment. back: address of the campaign's; receipt: its provenance.json; seen, draws: as in
+    `write_campaign`."""
+    folder, law = outcome.results, experiment.section(Actuation) if experiment else None
     fits = dict(fits_of(folder).estimates)
     if (folder / Intrusion.file).exists():
         fits |= Intrusion.load(folder).fits.estimates
@@ -206,6 +230,13 @@ def write_experiment(outcome: Outcome, law: Actuation | None, back: str, receipt
         sentence=sentence,
         facts=facts,
         charts=charts,
+        more=apparatus_charts(folder, experiment),
+        draws=draws if undrawn(folder) else "",
+        frames=[
+            {"src": src, "heading": PICTURES[f][0]}
+            for f, src in (seen(outcome) if undrawn(folder) else {}).items()
+            if not (folder / f).exists()
+        ],
         films=[
             {"src": film(folder / f), "poster": poster(folder / f), "heading": heading, "alt": alt}
             for f, (heading, alt) in FILMS.items()
@@ -228,8 +259,10 @@ def write_experiment(outcome: Outcome, law: Actuation | None, back: str, receipt
 
 
 def richest(outcomes: list[Outcome]) -> Outcome | None:
-    """The experiment with most pictures, for the few that a campaign's page shows."""
-    return max(outcomes, key=lambda o: sum((o.results / f).exists() for f in (*PREVIEWS, *FILMS)), default=None)
+    """The experiment with most to look at, for the few pictures that a campaign's page shows; None without any."""
+    made = {o.name: sum((o.results / f).exists() for f, _ in (*SHOWS, ("flow.nc", ""))) for o in outcomes}
+    most = max(outcomes, key=lambda o: made[o.name], default=None)
+    return most if most is not None and made[most.name] else None
 
 
 def linked(table: list[dict[str, Any]], outcomes: list[Outcome]) -> list[dict[str, Any]]:

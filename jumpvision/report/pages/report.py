@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+import shlex
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from importlib.resources import files as resources
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,14 +16,14 @@ from jumpvision import __version__
 from jumpvision.base.record import plain
 from jumpvision.experiment import files
 from jumpvision.experiment.campaign.truth import coverage_words, truth_of
-from jumpvision.experiment.inputs.experiment import Campaign
-from jumpvision.experiment.inputs.sections import Actuation
+from jumpvision.experiment.inputs.experiment import Campaign, Experiment
 from jumpvision.experiment.workflow.run import Outcome
 
 if TYPE_CHECKING:
     from jumpvision.engine.document.diagnosis import Diagnosis
     from jumpvision.experiment.results.summary import JumpRow
 
+Seen = Callable[[Outcome], Mapping[str, str]]
 MADE_FROM = '<meta name="made-from" content="{}">'  # at the head of a page: the digest of what it was made from
 
 
@@ -34,50 +36,68 @@ def write_report(
     single: bool,
     warned: Sequence[Mapping[str, object]] = (),
     diagnosis: Diagnosis | None = None,
+    pictured: bool = True,
 ) -> Path:
     """Write the pages and return the path of the one to open: of the campaign, or of the only experiment.
 
-    warned: what is to be doubted of a campaign, as in campaign.json.
+    warned: what is to be doubted of a campaign, as in campaign.json; pictured: with frames of films.
     """
-    laws = {e.name: e.section(Actuation) for e in campaign.experiments}
+    experiments = {e.name: e for e in campaign.experiments}
+    draws = shlex.join(["jumpvision", "report", str(campaign.path), "--results", str(results)])
+    frames: dict[str, Mapping[str, str]] = {}  # of the last experiment: the campaign's page often shows the same
+
+    def seen(o: Outcome) -> Mapping[str, str]:
+        if o.name not in frames and o.name in experiments and pictured:
+            from .thumbs import thumbs
+
+            frames.clear()
+            frames[o.name] = thumbs(o.results, experiments[o.name])
+        return frames.get(o.name, {})
+
     keys = []
     for o in outcomes:
         if not o.results.is_dir():
             continue
         try:
-            keys.append(_experiment(o, laws.get(o.name), back="" if single else f"../{files.REPORT}"))
+            back = "" if single else f"../{files.REPORT}"
+            keys.append(_experiment(o, experiments.get(o.name), back=back, draws=draws, seen=seen))
         except OSError as e:
             o.errors.append(f"{o.results / files.REPORT}: {e.strerror or e}; free or change it and run again")
     if single:
         return outcomes[0].results / files.REPORT
     true = [dict(truth_of(campaign.path)), coverage_words(campaign, outcomes)]
-    shown = [[r.cells() for r in rows], diagnosis and diagnosis.values, dict(campaign.excluded), true]
+    told = (json.dumps(plain(x)) for x in (diagnosis and diagnosis.values, dict(campaign.excluded), true))
+    each = (json.dumps(plain(r.cells())) for r in rows)
     said = [f"{w['experiment']}: {w['message']}" for w in warned] + [
         f"{o.name}: {n}" for o in outcomes for n in o.notes
     ]
-    key = digest_of([*keys, *said, json.dumps(plain(shown))])
+    key = digest_of(chain(keys, said, (draws, str(pictured)), each, told))
     if not made_from(results / files.REPORT, key):
         from .page import write_campaign
 
-        write_campaign(campaign, outcomes, rows, results, diagnosis, said, MADE_FROM.format(key))
+        mark = MADE_FROM.format(key)
+        write_campaign(campaign, outcomes, rows, results, diagnosis, said, mark, seen=seen, draws=draws)
     return results / files.REPORT
 
 
-def _experiment(outcome: Outcome, law: Actuation | None, *, back: str) -> str:
+def _experiment(outcome: Outcome, experiment: Experiment | None, *, back: str, draws: str, seen: Seen) -> str:
     """The page of one experiment, unless the one there was made from the same results; the digest of these."""
     provenance = outcome.results / files.PROVENANCE
     receipt = provenance.read_text(encoding="utf-8") if provenance.exists() else ""
-    key = digest_of([back, *outcome.errors, *outcome.said, *outcome.not_run, receipt])
+    key = digest_of([back, draws, *outcome.errors, *outcome.said, *outcome.not_run, receipt])
     if not made_from(outcome.results / files.REPORT, key):
         from .page import write_experiment
 
-        write_experiment(outcome, law, back, receipt, MADE_FROM.format(key))
+        write_experiment(outcome, experiment, back, receipt, MADE_FROM.format(key), seen=seen, draws=draws)
     return key
 
 
-def digest_of(texts: list[str]) -> str:
-    """Digest of what a page is made from, with the code that makes it."""
-    return hashlib.sha256("\0".join([_code(), *texts]).encode()).hexdigest()[:24]
+def digest_of(texts: Iterable[str]) -> str:
+    """Digest of what a page is made from, with the code that makes it; one text is in memory at a time."""
+    found = hashlib.sha256(_code().encode())
+    for text in texts:
+        found.update(b"\0" + text.encode())
+    return found.hexdigest()[:24]
 
 
 @cache

@@ -17,6 +17,7 @@ from jumpvision.base.progress import watch
 from jumpvision.films.frames.base import Frames
 
 from .background import Background, SceneSum, View, Window
+from .kept import Kept
 from .measure import AS_THEY_ARE, Block, Found, window_half
 from .moving import HEAD, AtHand, Head, head_end, still_scene
 from .pieces import SHARP, in_pieces
@@ -30,7 +31,7 @@ VIEWS = 100  # frames that all count for the scene; of the next 100 every second
 LEARNED = 60, 1000  # frames that the scene is learned from: the fewer where it is known by then, at most the more
 KEPT = 2**25  # bytes of the first LEARNED frames, kept whole for their last fit; of each kind of samples
 SAMPLES = 16  # frames of each kind
-MEMORY = 2**28  # bytes of windows kept; frames beyond are read again
+MEMORY = 2**28  # bytes of windows kept, in a file; frames beyond are read again
 AS_CERTAIN = 1.05  # times the first's median sigma, up to which a second track is taken
 WORTHWHILE = 500  # frames from which on a frame's whole measurement is compiled code's: fewer are done sooner without
 BLOCK = 16  # windows that are measured together without the scene
@@ -94,7 +95,7 @@ class FilmTracker:
         self._trackers = [BallTracker(s) for s in self._settings]
         self._found: list[list[Found]] = []  # by frame, then by ball
         self._enough = False  # nobody waits for the measurements without the scene
-        self._windows: list[list[Window | None]] = []
+        self._windows = [Kept() for _ in self._settings]  # of each ball
         self._scene = SceneSum() if scene and settings.method == "disc" else None
         self._behind: Background | None = None  # the scene, once it is learned
         self._learning = self._scene is not None
@@ -130,7 +131,8 @@ class FilmTracker:
                 self._kept = None
         if self._scene is None:
             return
-        self._windows.append([self._window(image, f) for f in found])
+        for kept, f in zip(self._windows, found, strict=True):
+            kept.append(self._window(image, f))
         if len(found) == 1 and not found[0].flag:
             self._about_turns(i, image, found[0])
         if not self._learning or i % _stride(i):
@@ -154,13 +156,13 @@ class FilmTracker:
             way = [math.hypot(f.x - e.x, f.y - e.y) for (*_, e), (*_, f) in itertools.pairwise(self._last)]
             for j, before, f in self._last:
                 if j > self._wide:
-                    self._windows[j] = [self._window(before, f, BESIDE * max(way))]
+                    self._windows[0].put(j, self._window(before, f, BESIDE * max(way)))
             self._wide = i
 
     def finish(self, frames: Frames) -> list[BallTrack]:
         """The tracks, the first ball's first. frames: the same film, for what was not kept of it."""
         tracks = zip(self._tracks(frames), self._settings, strict=True)
-        kept = AtHand(frames, self._samples.all, [w[0] for w in self._windows])
+        kept = AtHand(frames, self._samples.all, self._windows[0])
         return [in_pieces(t, s.seed is not None, kept if s.method == "disc" else None, s.polarity) for t, s in tracks]
 
     def _tracks(self, frames: Frames) -> list[BallTrack]:
@@ -168,7 +170,7 @@ class FilmTracker:
             from .appearance.template import track_template
 
             return [track_template(frames, s) for s in self._settings]
-        kept = AtHand(frames, self._samples.all, [w[0] for w in self._windows])
+        kept = AtHand(frames, self._samples.all, self._windows[0])
         with ThreadPoolExecutor(1) as thread:  # each is half of the work that is left
             again = thread.submit(copy_context().run, self._without_scene, kept)
             try:
@@ -238,7 +240,8 @@ class FilmTracker:
             if block:
                 out += [[f] for f in trackers[0].follow(block, i - begin, self.shape, scene)]
             if len(out) == i:
-                views = [View(self.shape, whole=lambda: frames[i], window=w, scene=scene) for w in self._windows[i]]  # noqa: B023
+                windows = [kept[i] for kept in self._windows]
+                views = [View(self.shape, whole=lambda: frames[i], window=w, scene=scene) for w in windows]  # noqa: B023
                 out.append(together(trackers, views, self._found[i]))
         return out
 
@@ -246,10 +249,8 @@ class FilmTracker:
         """The frames from i on in which the one ball was found in windows of one size; None where there is none."""
         windows: list[Window] = []
         starts: list[tuple[float, float, float, float]] = []
-        for (window, *others), (found, *_) in zip(
-            self._windows[i : i + BLOCK], self._found[i : i + BLOCK], strict=True
-        ):
-            if others or window is None or found.p is None:
+        for k, (found, *others) in enumerate(self._found[i : i + BLOCK], i):
+            if others or found.p is None or (window := self._windows[0][k]) is None:
                 break
             if windows and window.pixels.shape != windows[0].pixels.shape:
                 break
@@ -264,7 +265,7 @@ class FilmTracker:
         return Block(pixels, corners, np.array(starts))
 
     def _window(self, image: Image, found: Found, more: float = 0.0) -> Window | None:
-        """A copy of the part of a frame that the ball is measured in, and of `more` px around it."""
+        """The part of a frame that the ball is measured in, and `more` px around it."""
         if found.flag or found.p is None:
             return None
         p = found.p
@@ -272,7 +273,7 @@ class FilmTracker:
         x0, y0 = max(0, int(found.x) - half_x), max(0, int(found.y) - half_y)
         part = image[y0 : int(found.y) + half_y + 1, x0 : int(found.x) + half_x + 1]
         self._room -= part.nbytes
-        return Window(part.copy(), x0, y0) if self._room > 0 else None
+        return Window(part, x0, y0) if self._room > 0 else None
 
 
 def together(trackers: Sequence[BallTracker], views: Sequence[View], before: Sequence[Found] | None) -> list[Found]:
