@@ -61,8 +61,9 @@ def flow(
 
 def derivatives(piv: Piv, half_width: int) -> xr.Dataset:
     """Shear rate, vorticity, divergence and swirl with their sigmas [1/s] over (y, x, t), of the unsmoothed vectors."""
-    field, maps = piv.as_matched, dict[str, list[Array]]()
-    for f in Planes(field, MATCHED):
+    field, maps = piv.as_matched, dict[str, Array]()
+    shape = tuple(field.sizes[d] for d in ("y", "x", "t"))
+    for i, f in enumerate(Planes(field, MATCHED)):
         g = gradients(
             f.u,
             f.v,
@@ -84,10 +85,10 @@ def derivatives(piv: Piv, half_width: int) -> xr.Dataset:
             "swirl": strain.swirl(g.u_x, g.u_y, g.v_x, g.v_y),
             "swirl_sigma": strain.swirl_sigma(g),
         }
-        for name, values in found.items():
-            maps.setdefault(name, []).append(values)
+        for name, values in found.items():  # in place: all times at once would be there twice
+            maps.setdefault(name, np.empty(shape))[..., i] = values
     return xr.Dataset(
-        {k: (("y", "x", "t"), np.stack(a, axis=-1), {"units": "1/s", **MEANING.get(k, {})}) for k, a in maps.items()},
+        {k: (("y", "x", "t"), a, {"units": "1/s", **MEANING.get(k, {})}) for k, a in maps.items()},
         coords={c: field[c] for c in ("x", "y", "t")},
     )
 
