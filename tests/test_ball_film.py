@@ -19,9 +19,8 @@ from jumpvision.experiment.results.tables import Track
 from jumpvision.experiment.workflow.stage import results_stages
 from jumpvision.experiment.workflow.workspace import Workspace
 from jumpvision.films.frames import open_frames
-from jumpvision.films.vision.ball import film
-from jumpvision.films.vision.ball import kept as windows
-from jumpvision.films.vision.ball.background import Window
+from jumpvision.films.vision.ball import background, film
+from jumpvision.films.vision.ball.background import Kept, Window
 from jumpvision.films.vision.ball.film import FilmTracker, track_film
 from jumpvision.films.vision.ball.track import BallSettings, BallTracker
 from jumpvision.report.figures.overlays import TrackFilm
@@ -248,7 +247,7 @@ def test_windows_that_are_not_kept_are_read_again(monkeypatch):
 def test_a_track_does_not_depend_on_where_its_windows_are_kept(monkeypatch):
     frames, *_ = two_balls(np.random.default_rng(3), crossing=False)
     kept = track_film(frames, settings(seed=(38.0, 30.0)), scene=True)[0]
-    monkeypatch.setattr(windows, "HELD", 1)  # in a file from the first byte on
+    monkeypatch.setattr(background, "HELD", 1)  # in a file from the first byte on
     filed = track_film(frames, settings(seed=(38.0, 30.0)), scene=True)[0]
     for name in ("x", "y", "sigma", "chi2"):
         assert np.array_equal(getattr(kept, name), getattr(filed, name), equal_nan=True)
@@ -256,12 +255,12 @@ def test_a_track_does_not_depend_on_where_its_windows_are_kept(monkeypatch):
 
 def test_windows_come_back_as_they_were_and_take_the_memory_of_a_few(monkeypatch):
     """3,000 windows of 40 x 30 px of 16 bits are 7.2 MB; in a file they take 40 bytes each."""
-    monkeypatch.setattr(windows, "HELD", 2**16)
+    monkeypatch.setattr(background, "HELD", 2**16)
     rng = np.random.default_rng(1)
     few = [rng.integers(0, 60000, (40, 30)).astype(np.uint16) for _ in range(7)]
     tracemalloc.start()
     try:
-        kept = windows.Kept()
+        kept = Kept()
         for k in range(3000):
             kept.append(None if k % 5 == 4 else Window(few[k % 7], k, 2 * k))
         held = tracemalloc.get_traced_memory()[0]
@@ -283,7 +282,7 @@ def test_windows_come_back_as_they_were_and_take_the_memory_of_a_few(monkeypatch
 
 
 def test_where_the_disk_is_full_no_window_is_kept():
-    kept = windows.Kept()
+    kept = Kept()
     kept.append(Window(np.ones((2, 3), np.uint8), 0, 0))
 
     class Full:

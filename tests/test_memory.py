@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tracemalloc
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+import xarray as xr
 
+from jumpvision.experiment.results.fields import Flow
 from jumpvision.films.vision.piv import engine, refine
 
 LIMIT = 4 * 1000**3  # bytes of address space, the interpreter, its libraries and threads included
@@ -96,3 +99,25 @@ def test_every_stage_of_the_samples_and_films_of_8k_within_4_GB(tmp_path):
         done = subprocess.run(call, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr[-2000:]
     assert (tmp_path / "r" / "large" / "piv.nc").exists() and (tmp_path / "r" / "large" / "track.csv").exists()
+
+
+def test_a_flow_is_written_and_read_without_ever_lying_in_memory(tmp_path):
+    """400 times of 8 maps of 40 x 40: 41 MB; of them 16 at once, twice."""
+    n, size = 400, (40, 40)
+    head = xr.Dataset(
+        {"momentum": ("t", np.arange(n) * 1.0)},
+        coords={"x": np.arange(40) * 1e-3, "y": np.arange(40) * 1e-3, "t": np.arange(n) * 2e-3},
+    )
+    planes = (xr.Dataset({f"map{k}": (("y", "x"), np.full(size, i + k / 8.0)) for k in range(8)}) for i in range(n))
+    tracemalloc.start()
+    try:
+        made = Flow.write(head, planes)
+        made.save(tmp_path)
+        read = Flow.load(tmp_path)
+        last = float(read.field.map7.isel(t=-1)[3, 5])
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert last == 399 + 7 / 8 and np.array_equal(Flow.over_time(tmp_path).field.momentum, np.arange(n))
+    assert "map0" not in Flow.over_time(tmp_path).field
+    assert peak < 8e6

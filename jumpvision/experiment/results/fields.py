@@ -60,30 +60,8 @@ class Field(Record):
             return cls(d[[name for name, v in d.data_vars.items() if v.dims == ("t",)]].load())
 
 
-class Piv(Field):
-    """Velocity field (pivpy schema 1) with uncertainties and a reason for every invalid vector.
-
-    `field` is read from its file where it is used, so a long film never lies in memory as a whole.
-    """
-
-    file = "piv.nc"
-
-    @property
-    def geometry(self) -> VectorGrid:
-        """Where the vectors lie."""
-        return attributes_of(VectorGrid, self.field)
-
-    @property
-    def as_matched(self) -> xr.Dataset:
-        """The field with its unsmoothed vectors, for means, fits and derivatives.
-
-        Their noise goes by itself, while what smoothing rounds off does not come back."""
-        return as_matched(self.field)
-
-    @property
-    def face_sigma(self) -> float:
-        """Standard uncertainty of the foot's face that all times share [unit of places]; 0 where not known."""
-        return float(self.field.foot_y_sigma.attrs.get("shared_by_all_times", 0.0))
+class LongField(Field):
+    """One that is read from its file where it is used, so a long film never lies in memory as a whole."""
 
     @classmethod
     def load(cls, folder: Path) -> Self:
@@ -110,6 +88,29 @@ class Piv(Field):
             raise
         weakref.finalize(field, shutil.rmtree, folder, ignore_errors=True)
         return cls(field, folder / cls.file)
+
+
+class Piv(LongField):
+    """Velocity field (pivpy schema 1) with uncertainties and a reason for every invalid vector."""
+
+    file = "piv.nc"
+
+    @property
+    def geometry(self) -> VectorGrid:
+        """Where the vectors lie."""
+        return attributes_of(VectorGrid, self.field)
+
+    @property
+    def as_matched(self) -> xr.Dataset:
+        """The field with its unsmoothed vectors, for means, fits and derivatives.
+
+        Their noise goes by itself, while what smoothing rounds off does not come back."""
+        return as_matched(self.field)
+
+    @property
+    def face_sigma(self) -> float:
+        """Standard uncertainty of the foot's face that all times share [unit of places]; 0 where not known."""
+        return float(self.field.foot_y_sigma.attrs.get("shared_by_all_times", 0.0))
 
 
 AXES = "y", "x", "t"
@@ -188,7 +189,7 @@ class FlowGeometry:
     momentum_per_vector_of_window: float | None = None
 
 
-class Flow(Field):
+class Flow(LongField):
     """Shear rate, vorticity, divergence over (y, x, t); momentum, added mass and foot motion over t."""
 
     file = "flow.nc"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,7 +46,7 @@ def flow(
     """
     field, grid, source = piv.as_matched, piv.geometry, given or film
     assert source is not None  # the field comes from one of them
-    data = derivatives(piv, p.half_width)
+    data = xr.Dataset(coords={c: field[c] for c in ("x", "y", "t")})
     phi = packing(section, bed)[0]
     sums = Sums(grid, source.foot, (section or Bed()).grain_density * phi) if phi is not None else None
     found_there = under_the_foot(piv, sums, source, robot, p)
@@ -54,15 +55,26 @@ def flow(
         data[name] = ("t", values, {"units": unit} | ({"share": shares[name]} if name in shares else {}))
     peak = peak_momentum(data.momentum, data.added_mass)
     changes = sums.sensitivities(field.isel(t=peak)) if sums and peak is not None else (None, None)
-    return Flow.of(
-        data, FlowGeometry(p.min_speed, p.initial_depth, source.foot, grid.source, grid.scale_share, *changes)
-    )
+    rests_on = FlowGeometry(p.min_speed, p.initial_depth, source.foot, grid.source, grid.scale_share, *changes)
+    return Flow.write(Flow.of(data, rests_on).field, strained(piv, p.half_width))
 
 
 def derivatives(piv: Piv, half_width: int) -> xr.Dataset:
-    """Shear rate, vorticity, divergence and swirl with their sigmas [1/s] over (y, x, t), of the unsmoothed vectors."""
-    field, maps = piv.as_matched, dict[str, list[Array]]()
-    for f in Planes(field, MATCHED):
+    """What `strained` gives, over (y, x, t)."""
+    shape, maps = tuple(piv.field.sizes[d] for d in ("y", "x", "t")), dict[str, xr.DataArray]()
+    coords = {c: piv.field[c] for c in ("x", "y", "t")}
+    for i, plane in enumerate(strained(piv, half_width)):
+        for name, values in plane.items():
+            if i == 0:
+                maps[str(name)] = xr.DataArray(np.empty(shape), dims=("y", "x", "t"), attrs=values.attrs)
+            maps[str(name)].values[..., i] = values.values
+    return xr.Dataset(maps, coords=coords)
+
+
+def strained(piv: Piv, half_width: int) -> Iterator[xr.Dataset]:
+    """Shear rate, vorticity, divergence and swirl with their sigmas [1/s] over (y, x), time after time, of the
+    unsmoothed vectors."""
+    for f in Planes(piv.as_matched, MATCHED):
         g = gradients(
             f.u,
             f.v,
@@ -84,12 +96,8 @@ def derivatives(piv: Piv, half_width: int) -> xr.Dataset:
             "swirl": strain.swirl(g.u_x, g.u_y, g.v_x, g.v_y),
             "swirl_sigma": strain.swirl_sigma(g),
         }
-        for name, values in found.items():
-            maps.setdefault(name, []).append(values)
-    return xr.Dataset(
-        {k: (("y", "x", "t"), np.stack(a, axis=-1), {"units": "1/s", **MEANING.get(k, {})}) for k, a in maps.items()},
-        coords={c: field[c] for c in ("x", "y", "t")},
-    )
+        units = {name: {"units": "1/s", **MEANING.get(name, {})} for name in found}
+        yield xr.Dataset({name: (("y", "x"), values, units[name]) for name, values in found.items()})
 
 
 MATCHED = ("u", "v", "u_sigma", "v_sigma", "chc")

@@ -16,8 +16,7 @@ from jumpvision.base.arrays import Image
 from jumpvision.base.progress import watch
 from jumpvision.films.frames.base import Frames
 
-from .background import Background, SceneSum, View, Window
-from .kept import Kept
+from .background import Background, Kept, SceneSum, View, Window
 from .measure import AS_THEY_ARE, Block, Found, window_half
 from .moving import HEAD, AtHand, Head, head_end, still_scene
 from .pieces import SHARP, in_pieces
