@@ -23,7 +23,7 @@ KEPT = pytest.StashKey[bool]()  # what Python was told of bytecode
 def pytest_collection(session):
     """In a fresh clone pytest writes the asserts of every test file anew, a quarter of a minute: of two workers each
     writes half of them, as the second begins with the last file. Its errors are told when it is collected. They are
-    kept where Python is told to keep nothing (PYTHONDONTWRITEBYTECODE) too, else each run and worker writes them all."""
+    kept where Python is told to keep no bytecode too, else each worker writes all of them in each run."""
     session.config.stash[KEPT], sys.dont_write_bytecode = sys.dont_write_bytecode, False
     worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0")
     if int(worker[2:]) % 2 and [Path(a) for a in session.config.args] == [ROOT / "tests"]:
