@@ -16,12 +16,15 @@ for _threads in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):  # before numpy is 
 
 ROOT = Path(__file__).parents[1]
 SAMPLES = ROOT / "data_samples"
+KEPT = pytest.StashKey[bool]()  # what Python was told of bytecode
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection(session):
     """In a fresh clone pytest writes the asserts of every test file anew, a quarter of a minute: of two workers each
-    writes half of them, as the second begins with the last file. Its errors are told when it is collected."""
+    writes half of them, as the second begins with the last file. Its errors are told when it is collected. They are
+    kept where Python is told to keep no bytecode too, else each worker writes all of them in each run."""
+    session.config.stash[KEPT], sys.dont_write_bytecode = sys.dont_write_bytecode, False
     worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0")
     if int(worker[2:]) % 2 and [Path(a) for a in session.config.args] == [ROOT / "tests"]:
         for file in sorted((ROOT / "tests").glob("test_*.py"), reverse=True):
@@ -31,8 +34,9 @@ def pytest_collection(session):
                 sys.modules.pop(file.stem, None)
 
 
-def pytest_collection_finish():
+def pytest_collection_finish(session):
     """What 3,000 tests import stays, and need not be looked through for garbage time and again."""
+    sys.dont_write_bytecode = session.config.stash[KEPT]
     gc.freeze()
 
 

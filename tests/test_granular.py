@@ -46,7 +46,7 @@ AIR, REST, INTRUDE = 0, 1, 2
 
 
 # -- the reference: original variables x_r, v_r, x_f, v_f with X'', fixed Runge-Kutta steps, own formulas ------------
-@nb.njit
+@nb.njit(cache=True)
 def _forcing(rows, t):
     for i in range(rows.shape[0]):
         if rows[i, 0] <= t < rows[i, 1]:
@@ -55,14 +55,14 @@ def _forcing(rows, t):
     return 0.0, 0.0
 
 
-@nb.njit
+@nb.njit(cache=True)
 def _static(z, hole, pause, q):
     k1 = q[8] * (q[20] if hole > 0 else 1.0)
     f = k1 * z if z < q[10] else k1 * q[10] + q[9] * (z - q[10])
     return f + q[15] * hole * math.exp(-(z - hole) / q[17]) + q[16] * pause * math.exp(-(z - pause) / q[17])
 
 
-@nb.njit
+@nb.njit(cache=True)
 def _mass(z, q):
     """m_a (33) and its slope, as printed."""
     C, mu, theta, R, rho = q[13], q[21], q[22], q[6], q[7]
@@ -73,7 +73,7 @@ def _mass(z, q):
     return C * rho * x * math.pi * (R**2 + x * x / (3 * t * t) - R * x / t), C * rho * mu * math.pi * (R - x / t) ** 2
 
 
-@nb.njit
+@nb.njit(cache=True)
 def _slope(s, u, acc, mode, hole, pause, q):
     m_m, m_r, m_f, k, c, g = q[0], q[1], q[2], q[3], q[4], q[5]
     M, x, v, xf, vf = m_m + m_r, s[0], s[1], s[2], s[3]
@@ -90,7 +90,15 @@ def _slope(s, u, acc, mode, hole, pause, q):
     return np.array([v, a, vf, b])
 
 
-@nb.njit
+@nb.njit(cache=True)
+def _moved(s, dt, slope):
+    out = np.empty(4)
+    for j in range(4):
+        out[j] = s[j] + dt * slope[j]
+    return out
+
+
+@nb.njit(cache=True)
 def reference(rows, q, hard, s, t_end, dt, every):
     """Track (n, 4) every `every` steps from rest at t = 0. A velocity step of X_m is an impulse on the rod."""
     n = round(t_end / dt)
@@ -99,7 +107,8 @@ def reference(rows, q, hard, s, t_end, dt, every):
     ratio, u_old = q[0] / (q[0] + q[1]), 0.0
     for i in range(n):
         if i % every == 0:
-            out[i // every] = s
+            for j in range(4):  # not as whole arrays, whose shapes numba compiles words for
+                out[i // every, j] = s[j]
         t = i * dt
         u, _ = _forcing(rows, t + 1e-9 * dt)
         # across a discontinuity of X_m' inside the previous step: a jump larger than a smooth law makes in dt
@@ -116,10 +125,12 @@ def reference(rows, q, hard, s, t_end, dt, every):
         ub, ab = _forcing(rows, t + 0.5 * dt)
         uc, ac = _forcing(rows, t + dt - 1e-9 * dt)
         k1 = _slope(s, ua, aa, mode, hole, pause, q)
-        k2 = _slope(s + 0.5 * dt * k1, ub, ab, mode, hole, pause, q)
-        k3 = _slope(s + 0.5 * dt * k2, ub, ab, mode, hole, pause, q)
-        k4 = _slope(s + dt * k3, uc, ac, mode, hole, pause, q)
-        s = s + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        k2 = _slope(_moved(s, 0.5 * dt, k1), ub, ab, mode, hole, pause, q)
+        k3 = _slope(_moved(s, 0.5 * dt, k2), ub, ab, mode, hole, pause, q)
+        k4 = _slope(_moved(s, dt, k3), uc, ac, mode, hole, pause, q)
+        for j in range(4):
+            k1[j] = k1[j] + 2 * k2[j] + 2 * k3[j] + k4[j]
+        s = _moved(s, dt / 6, k1)
         u_old = uc
         if mode == 0 and s[2] <= -deep and s[3] < 0:
             s[2] = -deep
@@ -620,7 +631,7 @@ def test_a_step_astray_says_nothing_of_kinks_on_its_way():
 
 
 # -- what the solver does not look at ---------------------------------------------------------------------------------
-@nb.njit
+@nb.njit(cache=True)
 def _arc(constants, s, mode, most, times, seen):
     """Time for which a stay is sure, BOW and the guards (n, 2) at the times on the arc that starts from s."""
     p = constants[0]

@@ -396,6 +396,13 @@ def test_less_power_never_jumps_higher_and_the_limits_hold():
     assert best[1] / best[0] == pytest.approx(1.52, abs=0.006)
 
 
+@pytest.mark.long
+def test_a_power_with_which_none_lifts_off_has_no_best_jump():
+    data, _ = study("power-limit", amplitude="0.002")
+    lowest = data.isel(power=0)
+    assert np.isnan(lowest.com_height_m).any() and np.isfinite(data.com_height_m.isel(power=-1)).all()
+
+
 def ours(name, quantity):
     """The numbers of a row of the table."""
     rows = [r["ours"] for r in study(name, **SMALL.get(name, {}))[1] if r["quantity"].startswith(quantity)]

@@ -169,12 +169,13 @@ def command(law: Law) -> Callable[[Array], Array]:
 
 
 # -------------------------------------------------------------------------------------------------------- recordings
-def moved(setting: Setting, s: Shot, step: tuple[float, int] = FINE) -> Motion:
-    """The motion of a shot."""
+def moved(setting: Setting, s: Shot, step: tuple[float, int] = FINE, duration: float = math.inf) -> Motion:
+    """The motion of a shot, for as long as it is filmed, or for this long [s]."""
     p = setting.protocol
     return motion_of(
         s.robot, played(s.law, s.play, s.slack) if s.play else s.law, p.terms, s.parameters, ground=p.header.ground,
-        duration=p.header.duration, bed_density=s.jump.volume_fraction * p.bed.grain_density, dt=step[0], every=step[1],
+        duration=min(p.header.duration, duration), bed_density=s.jump.volume_fraction * p.bed.grain_density,
+        dt=step[0], every=step[1],
     )  # fmt: skip
 
 
@@ -273,7 +274,8 @@ class Ruler:
         """(all frames,) what the shots change, in sigmas of fresh noise, every zero unknown."""
         parts = []
         for s, o, y in zip(self.clean, other, self.tracks):
-            d = np.zeros_like(y) if o == s else height(self.t, self.setting, o, y.size) - y
+            alike = replace(o, scale=s.scale) == s  # but for the camera
+            d = y * (o.scale / s.scale - 1.0) if alike else height(self.t, self.setting, o, y.size) - y
             parts.append(whitened(self.t, d))
         return np.concatenate(parts)
 
@@ -292,7 +294,7 @@ class Ruler:
 
 def height(t: Truth, setting: Setting, s: Shot, n: int | None = None) -> Array:
     """(n,) heights over rest that a camera without noise reports at its frames [m]; n: those that are questioned."""
-    motion = moved(setting, s, COARSE)
+    motion = moved(setting, s, COARSE, math.inf if n is None else (n + 1) / t.rate)
     if n is None:
         n = int(until(motion, s.law.stop) * t.rate) + 1
     return s.scale * (motion.at("rod", np.arange(n) / t.rate) - motion.rest)

@@ -60,9 +60,12 @@ def evidence(y, X, cells, loud, share, length):  # type: ignore[no-untyped-def]
     """
     n, p = X.shape
     A = np.empty((n, p + 1))
-    A[:, :p], A[:, p] = X, y
+    for i in range(n):  # not as whole arrays: numba compiles its words for shapes that differ with them
+        for j in range(p):
+            A[i, j] = X[i, j]
+        A[i, p] = y[i]
     W, log_det = whitened(A, cells, loud, share, length)
-    R, plain = orthogonal(W), orthogonal(A[:, :p].copy())
+    R, plain = orthogonal(W), orthogonal(A)
     b, inverse = np.zeros(p), np.zeros((p, p))
     log = -0.5 * log_det
     for j in range(p):
@@ -86,19 +89,30 @@ def evidence(y, X, cells, loud, share, length):  # type: ignore[no-untyped-def]
 @nb.njit(cache=True)
 def orthogonal(A):  # type: ignore[no-untyped-def]
     """R (p, p) of A = Q R by Gram and Schmidt, A (n, p) overwritten; a diagonal of 0 where a column is undetermined."""
-    p = A.shape[1]
+    n, p = A.shape
     R = np.zeros((p, p))
     for j in range(p):
-        whole = math.sqrt(np.sum(A[:, j] ** 2))
+        whole = math.sqrt(_product(A, j, j))
         for k in range(j):
-            R[k, j] = np.sum(A[:, k] * A[:, j])
-            A[:, j] -= R[k, j] * A[:, k]
-        size = math.sqrt(np.sum(A[:, j] ** 2))
+            R[k, j] = _product(A, k, j)
+            for i in range(n):
+                A[i, j] -= R[k, j] * A[i, k]
+        size = math.sqrt(_product(A, j, j))
         # a column that the others leave so little of is undetermined
         if size > 1e-9 * whole and size > 0.0:
             R[j, j] = size
-            A[:, j] /= size
+            for i in range(n):
+                A[i, j] /= size
     return R
+
+
+@nb.njit(cache=True)
+def _product(A, k, j):  # type: ignore[no-untyped-def]
+    """Of two columns."""
+    total = 0.0
+    for i in range(A.shape[0]):
+        total += A[i, k] * A[i, j]
+    return total
 
 
 @dataclass(frozen=True)

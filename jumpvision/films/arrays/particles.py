@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from jumpvision.base.arrays import Array, Image
 from jumpvision.base.schema import InputError
 
+from ..vision.ball.disc import invert
 from .images import grey_images, in_grey, only_numbers, scale_problem
 
 STEPS = 30  # of a fit at most
@@ -153,6 +154,7 @@ def fitted(image, x, y, half):  # type: ignore[no-untyped-def]
     p[3] = rim / max(count, 1.0)
     p[2] = image[min(max(cy, 0), height - 1), min(max(cx, 0), width - 1)] - p[3]
     h, g, j = np.zeros((5, 5)), np.zeros(5), np.zeros(5)
+    inverse, step = np.zeros((5, 5)), np.zeros(5)
     squares = 0.0
     n = 0
     for _ in range(STEPS):
@@ -176,18 +178,20 @@ def fitted(image, x, y, half):  # type: ignore[no-untyped-def]
                 n += 1
         for a in range(5):
             h[a, a] = h[a, a] * (1.0 + 1e-9) + 1e-12
-        if n < 7 or not abs(np.linalg.det(h)) > 0.0:
+        if n < 7 or not invert(h, 5, inverse):
             return np.full(3, np.nan)
-        step = np.linalg.solve(h, g)
         for a in range(5):
+            step[a] = 0.0
+            for b in range(5):
+                step[a] += inverse[a, b] * g[b]
             p[a] += step[a]
         p[4] = min(max(p[4], 0.5), 4.0 * half)
         if not math.hypot(p[0] - x, p[1] - y) < half:
             return np.full(3, np.nan)
         if math.hypot(step[0], step[1]) < REST:
             break
-    cov = np.linalg.inv(h) * (squares / (n - 5))
-    return np.array([p[0], p[1], math.sqrt(max(cov[0, 0], cov[1, 1]))])
+    variance = max(inverse[0, 0], inverse[1, 1]) * squares / (n - 5)
+    return np.array([p[0], p[1], math.sqrt(variance)])
 
 
 def _steps(table: pd.DataFrame) -> pd.DataFrame:

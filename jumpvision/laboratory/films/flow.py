@@ -152,12 +152,27 @@ def _speeds(r, h, z, w, constants, out):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True)
+def _between(z, zs, ws):  # type: ignore[no-untyped-def]
+    """np.interp, to the same bits: numba takes a second to compile that."""
+    low, high = 0, len(zs) - 1
+    if not zs[low] < z < zs[high]:
+        return ws[low] if z <= zs[low] else ws[high]
+    while high - low > 1:
+        middle = (low + high) // 2
+        if zs[middle] <= z:
+            low = middle
+        else:
+            high = middle
+    return (ws[high] - ws[low]) / (zs[high] - zs[low]) * (z - zs[low]) + ws[low]
+
+
+@nb.njit(cache=True)
 def _advect(r, y, z0, dz, steps, zs, ws, constants):  # type: ignore[no-untyped-def]
     """dy/dz = -share, by the midpoint rule."""
     for s in range(steps):
         z = z0 + s * dz
-        w0 = np.interp(z, zs, ws)
-        w1 = np.interp(z + 0.5 * dz, zs, ws)
+        w0 = _between(z, zs, ws)
+        w1 = _between(z + 0.5 * dz, zs, ws)
         for i in range(len(r)):
             half = y[i] - 0.5 * dz * _share(r[i], -y[i] - z, z, w0, constants)
             y[i] -= dz * _share(r[i], -half - z - 0.5 * dz, z + 0.5 * dz, w1, constants)

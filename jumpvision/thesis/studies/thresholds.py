@@ -268,6 +268,7 @@ def catapult(robot: HardRobot, travel: float) -> Catapult:
 
 
 PAIR = np.array([STUTTER, SINGLE])[:, None, None]
+NEAR = np.geomspace(0.8, 1.25, 25)  # of an amplitude, where the next frequency of the grid has its own
 
 
 def _peak(robot: HardRobot, f: Array, a: Array) -> Array:
@@ -277,13 +278,13 @@ def _peak(robot: HardRobot, f: Array, a: Array) -> Array:
 
 
 def best_limited(robot: HardRobot, f: Array, a: Array, power: Array) -> dict[str, Array]:
-    """The highest jump at each power [W] over f (jump, frequency, power or 1) and amplitudes up to the last of a:
-    RESULTS with frequency_Hz and amplitude_m, (jump, power), NaN where none lifts off."""
+    """The highest jump at each power [W] over f (jump, frequency, power or 1) and amplitudes a (..., amplitude, rising)
+    up to the last: RESULTS with frequency_Hz and amplitude_m, (jump, power), NaN where none lifts off."""
     needed = _peak(robot, f[..., None], a)
     # the amplitude that takes the whole power, between those of a: the best jump does, or has them all
     between = np.vectorize(np.interp, signature="(),(n),(n)->()")
     takes = np.exp(between(np.log(power), np.log(np.maximum.accumulate(needed, axis=-1)), np.log(a)))
-    takes = np.minimum(takes, a[-1])
+    takes = np.minimum(takes, a[..., -1])
     # a kink between two amplitudes may pass the limit by 1e-4; power grows at least as the amplitude
     takes *= np.minimum(power / _peak(robot, f, takes), 1.0)
     found = hard_sweep(sine_rows(f, takes, PAIR, 1.0), **robot._asdict())  # (jump, frequency, power)
@@ -303,7 +304,10 @@ def power_limit(s: Sweep) -> Found:
     power = np.geomspace(0.01, 1.0, 100) * float(_peak(s.robot, f[..., None], a).max())
     coarse = best_limited(s.robot, f, a, power)
     # the limit and the full stroke meet between two frequencies of the grid: there a jump of either loses height
-    own = best_limited(s.robot, coarse["frequency_Hz"][:, None] + step * np.linspace(-1.0, 1.0, 41)[:, None], a, power)
+    none = np.isnan(coarse["frequency_Hz"])  # lifts off; nor does what is tried in its place
+    about, most = np.where(none, s.robot.f0, coarse["frequency_Hz"]), np.where(none, a[0], coarse["amplitude_m"])
+    f = about[:, None] + step * np.linspace(-1.0, 1.0, 41)[:, None]
+    own = best_limited(s.robot, f, np.minimum(most[:, None, :, None] * NEAR, amplitude), power)
     extra: dict[str, Variable] = {
         "frequency_ratio": (
             ("jump", "power"),
