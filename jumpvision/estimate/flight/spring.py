@@ -23,7 +23,6 @@ POWER, STRONGEST = 3.0, 0.8  # sigmas of a correlation that is looked for, and t
 DOUBT = 1.5  # sigmas by which a fit of half a contact must differ
 SLOW = 4  # samples
 TRIES = 250  # of a fit, which takes 10
-SOON, FAR = 60, 10.0  # tries, chi^2 a sample: what is this far after so many crawls along a valley and ends far
 FREE = 0.3  # of gravity: what is known of a curvature that is fitted freely
 HALF = 0.5  # of a contact, whose edges must be those of the whole
 POOR = 1e-3  # chance of chi^2 below which a contact is none of a spring
@@ -230,15 +229,12 @@ def _fitted(
     scale = [noise, noise / span, *[1.0] * free_gravity, *[noise] * beyond.free]
     scale += [piece.step] * len(edges) + [0.2] * len(edges)
     q0 = np.concatenate([p, where, np.log(stiff)])
-    tries, least = 0, math.inf
+    tries = iter(range(TRIES))
 
     def tried(q: Array) -> Array:
-        nonlocal tries, least
-        out = residual(q)
-        tries, least = tries + 1, min(least, float(out @ out))
-        if tries > TRIES or (tries > SOON and least > FAR * n):  # what has not closed in by then has no edge there
+        if next(tries, None) is None:  # what has not closed in by then has no edge there
             raise ValueError("no fit")
-        return out
+        return residual(q)
 
     fit = least_squares_fit(tried, q0, scale=scale, jacobian=jacobian)
     if fit is None:
