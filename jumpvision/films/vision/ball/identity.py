@@ -57,7 +57,7 @@ def only_one(track: BallTrack, frames: Frames, polarity: str, one: int, two: int
         blobs = find_blobs(image, diameter=d, polarity=polarity, min_diameter=SMALLEST_BALL, streak=False)
         fits = (ball_at(View.of(image), b.x, b.y, d, polarity) for b in blobs)
         seen.append([(f.x, f.y) for f in fits if f is not None and _is_like(track, np.array([i]), f)])
-    for i, here, there in ((one, *seen), (two, *seen[::-1])):
+    for i, here, there in ((one, seen[0], seen[1]), (two, seen[1], seen[0])):
         d = float(track.diameter[i])
         moved = [p for p in here if all(math.dist(p, q) > STAYS * d for q in there)]
         if not moved or any(math.hypot(x - track.x[i], y - track.y[i]) > NEAR * d for x, y in moved):
