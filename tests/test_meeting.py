@@ -27,7 +27,7 @@ def film(*balls):
     rng = np.random.default_rng(4)
     yy, xx = np.mgrid[:H, :W]
     out = []
-    for i in range(N):
+    for i in range(min(map(len, balls))):
         picture = np.full((H, W), 70.0)
         for at in balls:
             share = ndtr(-(np.hypot(xx - at[i, 0], yy - at[i, 1]) - 0.5 * D) / 0.75)
@@ -85,3 +85,14 @@ def test_a_ball_at_rest_before_it_is_thrown_is_no_stray():
     flat = np.full(20, 1.0)
     made = BallTrack(x, y, 0.02 * flat, 20.0 * flat, flat, np.full(20, "", "U1"))
     assert in_pieces(made, True) is made
+
+
+@pytest.mark.parametrize("other", [None, toss(300.0, 30.0, -2.0, 6.0)])
+def test_a_last_row_after_a_bounce_is_the_ball_where_no_other_is_seen(other):
+    """A bounce between the last two frames: nothing leads to the last row, but it is the only ball of both frames. With
+    another in flight it is not found."""
+    ours = toss(40.0, 40.0, 9.0, 2.0)[:12]
+    ours[11] = ours[10] + [-9.0, -11.0]
+    t, good = followed(film(*(at for at in (ours, other) if at is not None))[:12], tuple(ours[0]))
+    assert good[:11].all() and good[11] == (other is None)
+    assert np.hypot(*(t[["x_px", "y_px"]].to_numpy() - ours)[good].T).max() < 0.1

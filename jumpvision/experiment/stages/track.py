@@ -41,7 +41,7 @@ def in_px_alone(actuation: Actuation | None) -> bool:
     return actuation is None or actuation.kind == "none"
 
 
-@stage(version=14, needs=needs_of_track)
+@stage(version=15, needs=needs_of_track)
 def track(
     film: RodVideo,
     calibration: Calibration | None,

@@ -72,7 +72,6 @@ class _Way:
 
     def __init__(self, track: BallTrack, good: Ints, frames: Frames | None, polarity: str):
         self._track, self._good, self._frames, self._polarity = track, good, frames, polarity
-        self._left = MOST  # joints that may be asked about
         self._head = head_rows(good).size  # of the good rows
         self._d = float(np.median(track.diameter[good[: self._head]]))
         self._at = np.stack([track.x[good], track.y[good]], axis=1)
@@ -142,9 +141,8 @@ class _Way:
     def _only(self, before: Ints, after: Ints) -> bool:
         """Whether two pieces are a frame or two apart, and no other ball is seen at the joint."""
         one, two = int(self._good[before[-1]]), int(self._good[after[0]])
-        if self._frames is None or two - one > FEW or self._left == 0:
+        if self._frames is None or two - one > FEW:
             return False
-        self._left -= 1
         return only_one(self._track, self._frames, self._polarity, one, two)
 
     def _beside(self, before: Ints, after: Ints) -> int | None:

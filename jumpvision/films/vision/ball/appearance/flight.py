@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 FLIGHT, SURE = 6, 0.7  # frames of a path that nobody clicked, and share of them that must fit
 BESIDE, DARKER = (0.6, 2.5), 1.4  # diameters between a ball and its shadow; of a shadow's change, the ball's
 AGAIN, CERTAIN = 3, 0.1  # things that may be a ball lost for long; what may be unlike it then
-ODD = 2.8  # times what most frames leave of the picture, from which one shows something else
 TOGETHER = 8  # frames
 GUESS = 12.0  # px: first diameter where none is known
 CENTRE = "the target is a ball in flight: positions are of its centre, not of the place that was clicked"
@@ -47,7 +46,7 @@ def in_flight(head: Head, scene: Float32, diameter: float | None, seed: tuple[fl
     if path is None or len(path) < head.least:
         return None
     from .joint import adjusted  # loaded where something flies
-    from .layer import learned
+    from .layer import learned, like_others
 
     d = path[0].d
     known_layer = learned(frames, scene, path, d)
@@ -68,14 +67,8 @@ def in_flight(head: Head, scene: Float32, diameter: float | None, seed: tuple[fl
         return None
     if better is None:
         usual = float(np.median([places[s.i].found.chi2 for s in path if not places[s.i].found.flag]))
-        return replace(as_track([_like_others(p.found, usual) for p in places]), notes=(CENTRE,))
+        return replace(as_track([like_others(p.found, usual) for p in places]), notes=(CENTRE,))
     return replace(as_track([p.found for p in better.places]), notes=(CENTRE + KNOWN.format(better.centre),))
-
-
-def _like_others(found: Found, usual: float) -> Found:
-    """A measurement, or the reason why it is of something else; usual: what the ball's leave of its change."""
-    times = math.sqrt(found.chi2 / max(usual, 1e-9)) if not found.flag else 0.0
-    return Found(Flag(Reason.UNLIKE_OTHERS, (times,))) if times > ODD else found
 
 
 def is_shadow(track: BallTrack, frames: Frames, scene: Float32) -> bool:

@@ -27,8 +27,7 @@ from jumpvision.films.frames.base import Frames
 from jumpvision.films.vision.ball.measure import Found
 from jumpvision.films.vision.ball.reasons import GOOD, Flag, Reason
 
-from .flight import ODD
-from .layer import Layer, Place, shifted
+from .layer import ODD, Layer, Place, shifted
 from .laying import FINE, FREE, lay
 
 OVER = 2  # points of the disc that a picture is blurred from, to one of the picture

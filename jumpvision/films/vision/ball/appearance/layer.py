@@ -22,6 +22,7 @@ from jumpvision.films.vision.ball.reasons import GOOD, Flag, Reason
 from .laying import OUTLIER, fit_layer
 
 TURNS = np.deg2rad(np.arange(-40.0, 41.0, 20.0))  # from the frame before, that are tried
+ODD = 2.8  # times what most frames leave of the picture, from which one shows something else
 RAYS, WEAK = 64, 0.12  # of an outline; least change just inside it, of the strongest
 
 
@@ -206,3 +207,9 @@ def fit(image: Image, scene: Float32, layer: Layer, start: Place, d: float) -> P
     cov = np.linalg.inv(normal) * square
     sigma = math.sqrt(max(cov[0, 0], cov[1, 1]))
     return Place(x, y, turn, light, contrast, Found(GOOD, x, y, sigma, layer.d, unlike))
+
+
+def like_others(found: Found, usual: float) -> Found:
+    """A measurement, or the reason why it is of something else; usual: what the ball's leave of its change."""
+    times = math.sqrt(found.chi2 / max(usual, 1e-9)) if not found.flag else 0.0
+    return Found(Flag(Reason.UNLIKE_OTHERS, (times,))) if times > ODD else found
