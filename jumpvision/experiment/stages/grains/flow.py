@@ -25,7 +25,7 @@ JAMMED = 0.9  # of the foot's speed: grains that move with it (thesis section 3.
 OVER_T = ("momentum", "momentum_sigma", "added_mass", "added_mass_sigma", "foot_depth", "foot_speed")
 
 
-@stage(version=7)
+@stage(version=8)
 def flow(
     piv: Piv,
     film: GrainVideo | None,
