@@ -85,7 +85,7 @@ def track_foot(
 ABOVE, BELOW = 12, 8  # rows about the expected face that are laid over each other
 BLOCK = 16  # columns that share a grain
 # px below the expected face, px of blur, by how much of itself the grains' scatter grows in a row: what is tried
-PLACES, WIDTHS, GROWTHS = np.arange(-3.0, 3.01, 0.05), np.arange(0.5, 1.21, 0.1), np.arange(-0.3, 0.61, 0.15)
+PLACES, WIDTHS, GROWTHS = np.arange(-5.4, 5.41, 0.05), np.arange(0.5, 1.21, 0.1), np.arange(-0.3, 0.61, 0.15)
 
 
 class Stack:
@@ -153,7 +153,10 @@ def place(u: Array, spread: Array) -> tuple[float, float]:
     chi2 = ((spread[rows] / g[:, None] - model) ** 2).sum(1) + ((quiet / g[:, None]) ** 2).mean(1)
     chi2 /= rough**2
     logarithm = -0.5 * (chi2 + (np.log(b / blur) / by) ** 2 + ((s - growth) / grows) ** 2)
-    likely = np.exp(logarithm - logarithm.max())
+    best = int(np.argmax(logarithm))
+    if not PLACES[0] < f[best] < PLACES[-1]:
+        return float(f[best]), math.inf
+    likely = np.exp(logarithm - logarithm[best])
     centre = float(np.average(f, weights=likely))
     sigma = math.sqrt(float(np.average((f - centre) ** 2, weights=likely)))
-    return centre, sigma * math.sqrt(max(1.0, float(chi2[np.argmax(logarithm)]) / (rows.shape[1] - 2)))
+    return centre, sigma * math.sqrt(max(1.0, float(chi2[best]) / (rows.shape[1] - 2)))
