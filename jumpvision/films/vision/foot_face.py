@@ -85,7 +85,7 @@ def track_foot(
 ABOVE, BELOW = 12, 8  # rows about the expected face that are laid over each other
 BLOCK = 16  # columns that share a grain
 # px below the expected face, px of blur, by how much of itself the grains' scatter grows in a row: what is tried
-PLACES, WIDTHS, GROWTHS = np.arange(-5.4, 5.41, 0.05), np.arange(0.5, 1.21, 0.1), np.arange(-0.3, 0.61, 0.15)
+PLACES, WIDTHS, GROWTHS = np.arange(-5.4, 5.41, 0.05), np.arange(0.45, 1.36, 0.15), np.arange(-0.25, 0.66, 0.15)
 
 
 class Stack:
@@ -140,19 +140,22 @@ def place(u: Array, spread: Array) -> tuple[float, float]:
 
     Model: g (1 + s d) Phi(d / b) at the depth d below the face; no growth s above it. Of round grains that end at a
     face there is less right below it than deeper, so half of the scatter deep below it lies 0.3 px too deep; blur and
-    growth are known beforehand as GRAINS_AT_FACE has it, and the mean over all of both is taken. The best model's
-    misfit widens it where it is more than such a model leaves.
+    growth are known beforehand as GRAINS_AT_FACE has it, and the mean over all of both and of g is taken. The best
+    model's misfit widens it where it is more than such a model leaves.
     """
     (blur, by), (growth, grows), rough = GRAINS_AT_FACE.value
     f, b, s = (a.ravel() for a in np.meshgrid(PLACES, WIDTHS, GROWTHS, indexing="ij"))
     rows = np.searchsorted(u, f - 2.5)[:, None] + np.arange(5)
     d = u[rows] - f[:, None]
     model = scipy.special.ndtr(d / b[:, None]) * (1.0 + s[:, None] * np.maximum(d, 0.0))
-    g = np.maximum((model * spread[rows]).sum(1) / (model**2).sum(1), 1e-9)
+    power = (model**2).sum(1)
+    g = (model * spread[rows]).sum(1) / power
+    deep = float(spread[-4:].mean())
     quiet = spread[rows[:, :1] - np.arange(1, 5)]  # rows of the body alone, which count as one
-    chi2 = ((spread[rows] / g[:, None] - model) ** 2).sum(1) + ((quiet / g[:, None]) ** 2).mean(1)
-    chi2 /= rough**2
-    logarithm = -0.5 * (chi2 + (np.log(b / blur) / by) ** 2 + ((s - growth) / grows) ** 2)
+    chi2 = ((spread[rows] - g[:, None] * model) ** 2).sum(1) + (quiet**2).mean(1)
+    chi2 /= (rough * deep) ** 2
+    logarithm = -0.5 * (chi2 + (np.log(b / blur) / by) ** 2 + ((s - growth) / grows) ** 2 + np.log(power))
+    logarithm[g < 0.2 * deep] = -np.inf  # what changes so little beside the grains is no end of a body
     best = int(np.argmax(logarithm))
     if not PLACES[0] < f[best] < PLACES[-1]:
         return float(f[best]), math.inf
