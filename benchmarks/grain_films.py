@@ -1,6 +1,6 @@
 """Are the sigmas of mu, beta, theta, C, added mass and momentum the true ones? Films of cones of 40-60 degrees.
 
-    python -m benchmarks.grain_films [films [first seed [smooth]]]      # 40 films of eight kinds; about 20 s each on one core
+    python -m benchmarks.grain_films [films [seed]]      # 40 films of eight kinds, from seed 0; 20 s each on one core
 
 The films differ in cone, grains, light and noise; the flow is prescribed: its mu, beta, theta, C, added mass and
 momentum in view are known. An error that all films share is a bias (blur of the windows, say), which no scatter can

@@ -134,9 +134,7 @@ def test_feet_on_round_grains(lens):
         rng = np.random.default_rng([k, int(100 * lens)])
         pattern = ndimage.gaussian_filter(rng.normal(size=(480, 800)), 4.8)
         truth = 40 + 9 * np.sin(np.arange(16) * 0.55 + k) + 0.37 * np.arange(16)
-        frames = [
-            camera(foot_on_grains(f, lens, grey, touching, pattern / pattern.std(), rng), 2, rng) for f in truth
-        ]
+        frames = [camera(foot_on_grains(f, lens, grey, touching, pattern / pattern.std(), rng), 2, rng) for f in truth]
         shown = [255 - f for f in frames] if k % 2 else frames
         track = track_foot(shown, row=float(round(truth[0])), **SETTINGS | {"depth": 16})
         assert (track.flag == "").all()
