@@ -106,6 +106,10 @@ def rough(kind: str, scene: loop.Scene, folder: Path, seed: int = 1) -> dict[str
         "theta, contour of 0.9 - discs: mean of the frames [deg]": float(np.mean(apart)),
         "theta, contour of 0.9 - discs: rms of the frames [deg]": math.sqrt(np.mean(apart**2)),
         "momentum: greatest error above a tenth of the peak [%]": 100 * np.abs(got / truth - 1.0)[large].max(),
+        "momentum: mean error there [%]": 100 * np.mean((got / truth - 1.0)[large]),
+        "momentum: rms error there [%]": 100 * math.sqrt(np.mean((got / truth - 1.0)[large] ** 2)),
+        "momentum: stated sigma there, median [%]": 100 * np.median((got / truth - 1.0)[large] / pull[large]),
+        "momentum: frames there inside 1 sigma [%]": 100 * np.mean(np.abs(pull[large]) < 1),
         "momentum: frames inside 2 sigma [%]": 100 * np.mean(np.abs(pull) < 2),
     }
 

@@ -1,6 +1,6 @@
 """Are the sigmas of mu, beta, theta, C, added mass and momentum the true ones? Films of cones of 40-60 degrees.
 
-    python -m benchmarks.grain_films      # 40 films of eight kinds; about 20 s each on one core
+    python -m benchmarks.grain_films [films [seed]]      # 40 films of eight kinds, from seed 0; 20 s each on one core
 
 The films differ in cone, grains, light and noise; the flow is prescribed: its mu, beta, theta, C, added mass and
 momentum in view are known. An error that all films share is a bias (blur of the windows, say), which no scatter can
@@ -73,11 +73,11 @@ def momentum(flow: xr.Dataset, film: Recording) -> tuple[np.ndarray, np.ndarray]
     return found / known - 1.0, sigma / known
 
 
-def main(films: int, **smooth: str) -> None:
+def main(films: int, first: int = 0, **smooth: str) -> None:
     rows: dict[str, list[tuple[float, float]]] = {}
     frames: list[tuple[np.ndarray, np.ndarray]] = []
     with tempfile.TemporaryDirectory() as folder:
-        for seed in range(films):
+        for seed in range(first, first + films):
             fits, flow, film = one(Path(folder) / str(seed), seed, **smooth)
             theta, mu, _ = FILMS[seed % len(FILMS)]
             known = {
@@ -109,4 +109,5 @@ def main(films: int, **smooth: str) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 40, **({"smooth": sys.argv[2]} if len(sys.argv) > 2 else {}))
+    numbers = [int(a) for a in sys.argv[1:3]] or [40]
+    main(*numbers, **({"smooth": sys.argv[3]} if len(sys.argv) > 3 else {}))

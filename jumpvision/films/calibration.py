@@ -243,7 +243,27 @@ FACE_OF_FOOT = Calibrated(
     "px: grains do not reach right up to the face; 0.44 rms of nine films, which benchmarks/closed_loop.py judges too",
     "benchmarks/closed_loop.py",
     "2026-11-21",
-    "foot_face.track_foot: sigma of the face's place on the body",
+    "foot_face.track_foot: sigma of the face's place on the body where only the edge in frame 0 shows it",
+)
+GRAINS_AT_FACE: Calibrated[tuple[tuple[float, float], tuple[float, float], float]] = Calibrated(
+    ((0.74, 0.2), (0.2, 0.15), 0.03),
+    "blur of rows laid over each other [px] and the spread of its logarithm: a pixel, half-way between two rows, a "
+    "lens of 0.55 px; by how much of itself the grains' scatter grows in a row below the face, and the spread of that: "
+    "nothing where the face cuts grains, 0.3 to 0.4 where round grains of 4 px touch it, which cover 0.55 of the first "
+    "row below it and 0.9 of the next; what such a model leaves, of the scatter: eight grain films (seeds 7000-7007), "
+    "four of discs (41, 43)",
+    "tests/test_foot.py",
+    "2026-11-27",
+    "foot_face.place: the face and its sigma",
+)
+ONE_SIDED = Calibrated(
+    0.19,
+    "of the errors that the flow makes of vectors, what has one sign all over a field: 0.17 to 0.20 in four films of "
+    "discs (seeds 41, 43), always too slow; 0.11 to 0.14 of it with grains lit evenly, as a grain lit from above is "
+    "followed by its upper rim, 0.05 of its diameter above its middle; eight grain films (7000-7007) -0.13 to +0.4",
+    "benchmarks/closed_loop.py",
+    "2026-11-27",
+    "grains.momentum: sigma of the momentum",
 )
 FACE_READ = Calibrated(
     1.0,

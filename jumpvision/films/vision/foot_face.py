@@ -12,9 +12,9 @@ import scipy
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
-from jumpvision.films.calibration import FACE_OF_FOOT
+from jumpvision.films.calibration import FACE_OF_FOOT, GRAINS_AT_FACE
 
-from .foot_body import Body
+from .foot_body import MAX_SIGMA, Body
 
 
 @dataclass(frozen=True)
@@ -77,14 +77,15 @@ def track_foot(
     if body is None:
         return FootTrack(np.array([]), np.array([]), np.array([], dtype=np.str_), math.nan)
     shift, offset_sigma = stack.face() if 2 * stack.n > len(rows) else (0.0, math.inf)
-    if math.isinf(offset_sigma):
-        shift, offset_sigma = 0.0, body.offset_sigma
-    sigma = math.hypot(FACE_OF_FOOT.value, offset_sigma)
-    return FootTrack(np.array(rows) + shift, np.array(sigmas), np.array(flags, dtype=np.str_), sigma)
+    if math.isinf(offset_sigma):  # the edge in frame 0: what the grains lack at the face is in no term of its fit
+        shift, offset_sigma = 0.0, math.hypot(FACE_OF_FOOT.value, body.offset_sigma)
+    return FootTrack(np.array(rows) + shift, np.array(sigmas), np.array(flags, dtype=np.str_), offset_sigma)
 
 
 ABOVE, BELOW = 12, 8  # rows about the expected face that are laid over each other
 BLOCK = 16  # columns that share a grain
+# px below the expected face, px of blur, by how much of itself the grains' scatter grows in a row: what is tried
+PLACES, WIDTHS, GROWTHS = np.arange(-5.4, 5.41, 0.05), np.arange(0.45, 1.36, 0.15), np.arange(-0.25, 0.66, 0.15)
 
 
 class Stack:
@@ -109,8 +110,8 @@ class Stack:
         """Rows by which the face lies below the expected one, and its standard uncertainty; infinite where not seen.
 
         With I = T (1 - Phi) + G Phi and the body T the same in all frames, the standard deviation over the frames is
-        Phi times that of the grains: half of it at the face, whatever the blur. Taken over all blocks of columns below
-        which grains change: a single block is as uneven as its few grains and, in a noisy film, far too deep. Sigma:
+        Phi times that of the grains (`place`). Taken over all blocks of columns together: a single one is as uneven as
+        its few grains, and those that change most deep below the face change less at it. Sigma: of the place, and the
         jackknife over the blocks.
         """
         if self.n < 6:  # frames that tell a scatter
@@ -118,34 +119,47 @@ class Stack:
         variance = np.maximum(np.asarray(self.squares) / self.n - (np.asarray(self.sum) / self.n) ** 2, 0.0)
         blocks = variance.shape[1] // BLOCK
         variance = variance[:, : blocks * BLOCK].reshape(len(self.u), blocks, BLOCK).mean(2)
-        # the grey below the face must change three times as much as above it: less is no end of a body
-        changing = variance[:, variance[-4:].mean(0) > 3.0**2 * variance[:3].mean(0)]
-        n = changing.shape[1]
-        if n < max(4, blocks // 4):  # a jackknife over fewer says little
+        # the grey below the face must change twice as much as above it: less is no end of a body
+        changing = np.sum(variance[-4:].mean(0) > 2.0**2 * variance[:3].mean(0))
+        if changing < max(4, blocks // 4):  # a jackknife over fewer says little
             return 0.0, math.inf
-        centre = _face(self.u, changing.mean(1))
-        others = np.array([_face(self.u, np.delete(changing, k, axis=1).mean(1)) for k in range(n)])
-        if not (math.isfinite(centre) and np.isfinite(others).all()):
-            return 0.0, math.inf
-        return centre, math.sqrt((n - 1) / n * float(np.sum((others - centre) ** 2)))
+        centre, sigma = place(self.u, _spread(variance))
+        others = np.array([place(self.u, _spread(np.delete(variance, k, axis=1)))[0] for k in range(blocks)])
+        sigma = math.hypot(sigma, math.sqrt((blocks - 1) / blocks * float(np.sum((others - centre) ** 2))))
+        return (centre, sigma) if sigma < MAX_SIGMA else (0.0, math.inf)
 
 
-def _face(u: Array, variance: Array) -> float:
-    """Where the standard deviation over the frames is half of the grains', from the variance on the rows u."""
-    body, grains = variance[:3].mean(), variance[-4:].mean()
-    return _rise(u, np.sqrt(np.maximum(variance - body, 0.0) / (grains - body)))
+def _spread(variance: Array) -> Array:
+    """Standard deviation of the grains over the frames (rows,), from the variance (rows, blocks)."""
+    whole = variance.mean(1)
+    return np.sqrt(np.maximum(whole - whole[:3].mean(), 0.0))
 
 
-def _rise(u: Array, spread: Array) -> float:
-    """Where `spread` rises through a half on the way down; NaN where it takes more than 2.5 rows from 1/4 to 3/4.
+def place(u: Array, spread: Array) -> tuple[float, float]:
+    """Face [rows u, one apart] and its standard uncertainty, from the grains' standard deviation on these rows.
 
-    Grains that are jammed below the face go with it and change little by little with depth: they hide the end.
+    Model: g (1 + s d) Phi(d / b) at the depth d below the face; no growth s above it. Of round grains that end at a
+    face there is less right below it than deeper, so half of the scatter deep below it lies 0.3 px too deep; blur and
+    growth are known beforehand as GRAINS_AT_FACE has it, and the mean over all of both and of g is taken. The best
+    model's misfit widens it where it is more than such a model leaves.
     """
-    places = []
-    for level in (0.25, 0.5, 0.75):
-        below = np.flatnonzero(spread < level)
-        if below.size == 0 or below[-1] == len(u) - 1:
-            return math.nan
-        i = int(below[-1])
-        places.append(float(u[i] + (level - spread[i]) / (spread[i + 1] - spread[i])))
-    return places[1] if places[2] - places[0] < 2.5 else math.nan
+    (blur, by), (growth, grows), rough = GRAINS_AT_FACE.value
+    f, b, s = (a.ravel() for a in np.meshgrid(PLACES, WIDTHS, GROWTHS, indexing="ij"))
+    rows = np.searchsorted(u, f - 2.5)[:, None] + np.arange(5)
+    d = u[rows] - f[:, None]
+    model = scipy.special.ndtr(d / b[:, None]) * (1.0 + s[:, None] * np.maximum(d, 0.0))
+    power = (model**2).sum(1)
+    g = (model * spread[rows]).sum(1) / power
+    deep = float(spread[-4:].mean())
+    quiet = spread[rows[:, :1] - np.arange(1, 5)]  # rows of the body alone, which count as one
+    chi2 = ((spread[rows] - g[:, None] * model) ** 2).sum(1) + (quiet**2).mean(1)
+    chi2 /= (rough * deep) ** 2
+    logarithm = -0.5 * (chi2 + (np.log(b / blur) / by) ** 2 + ((s - growth) / grows) ** 2 + np.log(power))
+    logarithm[g < 0.2 * deep] = -np.inf  # what changes so little beside the grains is no end of a body
+    best = int(np.argmax(logarithm))
+    if not PLACES[0] < f[best] < PLACES[-1]:
+        return float(f[best]), math.inf
+    likely = np.exp(logarithm - logarithm[best])
+    centre = float(np.average(f, weights=likely))
+    sigma = math.sqrt(float(np.average((f - centre) ** 2, weights=likely)))
+    return centre, sigma * math.sqrt(max(1.0, float(chi2[best]) / (rows.shape[1] - 2)))

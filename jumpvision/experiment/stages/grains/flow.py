@@ -26,7 +26,7 @@ JAMMED = 0.9  # of the foot's speed: grains that move with it (thesis section 3.
 OVER_T = ("momentum", "momentum_sigma", "added_mass", "added_mass_sigma", "foot_depth", "foot_speed")
 
 
-@stage(version=7)
+@stage(version=9)
 def flow(
     piv: Piv,
     film: GrainVideo | None,
@@ -135,17 +135,20 @@ def under_the_foot(
         return np.array([sums.of(f, radius=radius, lifted=float(d)) for f, d in zip(planes, lifted)]).T
 
     face = np.hypot(field.foot_y_sigma.values, piv.face_sigma)
-    momentum, sigma, covered = integral(np.zeros(n))
+    momentum, sigma, covered, one_sided = integral(np.zeros(n))
     sigma = np.hypot(sigma, 0.5 * (integral(face)[0] - integral(-face)[0]))
     jammed = sums.jammed_share(field, speed, momentum, p.min_speed)
     mass, mass_sigma = added_mass(momentum, sigma, speed, speed_sigma, min_speed=p.min_speed)
+    of_mass = np.where(np.isfinite(mass), one_sided / np.abs(np.where(speed, speed, 1.0)), np.nan)
     return out | {
         "momentum": (momentum, "kg m/s"),
         "momentum_sigma": (sigma, "kg m/s"),
+        "momentum_sigma_common": (one_sided, "kg m/s"),
         "covered": (covered, "1"),
         "jammed_share": (jammed, "1"),
         "added_mass": (mass, "kg"),
         "added_mass_sigma": (mass_sigma, "kg"),
+        "added_mass_sigma_common": (of_mass, "kg"),
     }
 
 
@@ -163,11 +166,11 @@ def shares_of(scale: float, rate: float, phi: float) -> dict[str, float]:
 
 
 def with_shares(over_t: dict[str, tuple[Array, str]], shares: dict[str, float]) -> dict[str, tuple[Array, str]]:
-    """The values over t with `*_sigma_common` from these shares, and `*_sigma` that hold it."""
+    """The values over t with `*_sigma_common` from these shares and what there is of it, and `*_sigma` that hold it."""
     out = dict(over_t)
     for name, share in shares.items():
         values, unit = over_t[name]
-        common = share * np.abs(values)
+        common = np.hypot(share * np.abs(values), over_t.get(f"{name}_sigma_common", (0.0, unit))[0])
         out[f"{name}_sigma_common"] = common, unit
         if f"{name}_sigma" in over_t:
             out[f"{name}_sigma"] = np.hypot(over_t[f"{name}_sigma"][0], common), unit
