@@ -34,7 +34,7 @@ MEMORY = 2**28  # bytes of windows kept, in a file; frames beyond are read again
 AS_CERTAIN = 1.05  # times the first's median sigma, up to which a second track is taken
 WORTHWHILE = 500  # frames from which on a frame's whole measurement is compiled code's: fewer are done sooner without
 BLOCK = 16  # windows that are measured together without the scene
-BESIDE = 8  # frames on either side of a sharp turn of which more is kept, and steps of the ball by how much more
+BESIDE, MORE_WAY = 12, 8.0  # frames on either side of a sharp turn of which more is kept; steps of the ball, how much
 FLYING = "no plain disc that moves was found: followed is what is round and flies farthest, as a picture"
 
 
@@ -146,6 +146,8 @@ class FilmTracker:
     def _about_turns(self, i: int, image: Image, found: Found) -> None:
         """Keeps more of the frames beside a sharp turn: there it is asked later whether two balls met."""
         self._last.append((i, image, found))
+        if len(self._last) > 4 and len(self._last) * image.nbytes > KEPT:
+            self._last.popleft()
         if len(self._last) < 4:
             return
         a, b, c, d = [f for *_, f in self._last][-4:]
@@ -155,7 +157,7 @@ class FilmTracker:
             way = [math.hypot(f.x - e.x, f.y - e.y) for (*_, e), (*_, f) in itertools.pairwise(self._last)]
             for j, before, f in self._last:
                 if j > self._wide:
-                    self._windows[0].put(j, self._window(before, f, BESIDE * max(way)))
+                    self._windows[0].put(j, self._window(before, f, MORE_WAY * max(way)))
             self._wide = i
 
     def finish(self, frames: Frames) -> list[BallTrack]:
