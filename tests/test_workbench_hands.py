@@ -169,6 +169,7 @@ def test_fingers_measure_track_zoom_and_fit(size, tmp_path, served, browser):  #
     p.page.get_by_label("After a click: next frame").check()
     frame = p.get("workbench.store.frame")
     p.tap("#back")
+    p.until(f"workbench.store.frame === {frame - 1}")
     p.tap_film(*truth[frame - 1] + 0.5)
     p.until(f"workbench.store.frame === {frame}")
     assert list(p.draft["corrections"]) == [str(frame - 1)]

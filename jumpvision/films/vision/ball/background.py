@@ -136,6 +136,9 @@ class Kept(Sequence["Window | None"]):
         self._end, self._type = 0, np.dtype(np.uint8)
         self._turn = threading.Lock()
 
+    def __del__(self) -> None:
+        self._file.close()
+
     def append(self, window: Window | None) -> None:
         """The window of the next frame; none is kept where there is no room for it."""
         self._where.extend(self._kept(window) or (-1, 0, 0, 0, 0))
