@@ -156,7 +156,8 @@ DRAWN: dict[str, list[Figure]] = {}  # by command, as it was run
 
 
 def rows() -> dict[int, list[str]]:
-    """Commands of the figures that have one: that of the second column, and those that the third column names."""
+    """Commands of the figures that have one: that of the second column, and those that the third column names; of a run
+    what its page draws into its text as figures for print, too."""
     out = {}
     for number, command, text in re.findall(r"^\| (\d+) \| `jumpvision ([^`]+)` \| ([^|]*) \|", PAGE, re.M):
         ground = "granular" if "granular" in command or "loose_sand" in command else "hard"
@@ -166,8 +167,17 @@ def rows() -> dict[int, list[str]]:
             c for folder in re.findall(r"by `jumpvision run (\w+)`", text) for c in (f"run {folder}", figures(folder))
         ]
         drawn += re.findall(r"`jumpvision (dem --experiment data_samples[^`]+)`", text)
+        if command.startswith("run data_samples"):
+            drawn.append(f"figures {command.split()[1]} --results {place_of(command)} --format png")
+        elif command.startswith("run "):
+            drawn.append(figures(command.split()[1]))
         out[int(number)] = [command, *(f"sweep {g} --analysis {name}" for g, name in free), *drawn]
     return out
+
+
+def place_of(command: str) -> str:
+    """The folder of a command's results."""
+    return re.sub(r"\W+", "-", command)
 
 
 def figures(folder: str) -> str:
@@ -223,7 +233,7 @@ def carried_out(command: str, made: list[Figure]) -> list[Figure]:
         if words[0] in ("run", "sweep"):
             words += ["--workers", "1"]
         made.clear()
-        results = ["--results", re.sub(r"\W+", "-", command)] if words[0] != "figures" else []
+        results = ["--results", place_of(command)] if words[0] != "figures" else []
         assert main([*words, *shlex.split(SHORT.get(name, "")), *results]) == 0
         DRAWN[command] = list(made)
     return DRAWN[command]

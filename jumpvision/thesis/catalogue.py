@@ -82,7 +82,8 @@ def _offered(source: Path, recordings: Experiment | None) -> Iterator[Offered]:
         yield of_sweep(source)
         return
     yield from of_results(Results(source))
-    yield from of_apparatus(source, recordings)
+    if (source / Summary.file).exists():  # a campaign's fits.json is another one
+        yield from of_apparatus(source, recordings)
     swept = {s.file: source / s.file for s in studies().values()}
     yield from (of_sweep(file) for _, file in sorted(swept.items(), reverse=True) if file.exists())
     yield from (of_sweep(file) for name in swept for file in sorted(source.glob(f"{Path(name).stem}-*.nc")))

@@ -162,7 +162,7 @@ class Tracked(NamedTuple):
 
 
 def tracks(jumps: Sequence[Tracked], Figure: NewFigure) -> Figure:
-    """A column a jump: rod height measured and simulated, and their difference."""
+    """A column a jump: rod height measured and simulated, with the simulated foot, and their difference."""
     n = len(jumps)
     figure = Figure(figsize=(3.4 * max(n, 2), 4.0), layout="constrained")
     axes = figure.subplots(2, n, sharex="col", sharey="row", squeeze=False, height_ratios=(2, 1))
@@ -171,6 +171,9 @@ def tracks(jumps: Sequence[Tracked], Figure: NewFigure) -> Figure:
         low.axhline(0.0, color=QUIET, lw=0.6)
         low.set(xlabel="time [s]", title="measured − simulated" if jump.model is not None else "")
         draw_beside((top, low), jump.rod, jump.model, "simulated", size=2, line="-", ms=2, lw=0.8)
+        if jump.model is not None:
+            s = jump.model.table
+            top.plot(s.time_s, s.foot_m * 1e3, color=GREEN, lw=0.8, label="foot over the surface, simulated")
     axes[0, 0].set(ylabel="rod height [mm]")
     axes[1, 0].set(ylabel="difference [mm]")
     axes[0, 0].legend()
