@@ -82,7 +82,7 @@ def _offered(source: Path, recordings: Experiment | None) -> Iterator[Offered]:
         yield of_sweep(source)
         return
     yield from of_results(Results(source))
-    if (source / Summary.file).exists():  # a campaign's fits.json is another one
+    if not (source / files.JUMPS).exists():  # a campaign's fits.json is another one
         yield from of_apparatus(source, recordings)
     swept = {s.file: source / s.file for s in studies().values()}
     yield from (of_sweep(file) for _, file in sorted(swept.items(), reverse=True) if file.exists())
