@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from jumpvision.laboratory.films.flow import Flow
+from jumpvision.laboratory.films.flow import Flow, _between
 from jumpvision.laboratory.films.grains import GrainScene, QuickGrainScene, View, carry
 from jumpvision.laboratory.films.optics import record_bright
 
@@ -79,3 +79,11 @@ def test_noise_of_bright_pixels(grey):
     assert image.dtype == np.uint8
     assert image.astype(float).var() == pytest.approx(want, rel=0.02)
     assert image.mean() == pytest.approx(grey, abs=5 * math.sqrt(want / image.size))
+
+
+def test_what_lies_between_two_places_is_numpys_to_the_bit():
+    """At the places, between them and beyond both ends."""
+    rng = np.random.default_rng(1)
+    zs, ws = np.sort(rng.uniform(0.0, 1.0, 40)), rng.normal(size=40)
+    at = np.concatenate([zs, rng.uniform(-0.2, 1.2, 300)])
+    assert [_between(z, zs, ws) for z in at] == np.interp(at, zs, ws).tolist()

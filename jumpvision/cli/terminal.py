@@ -206,7 +206,7 @@ def _next(found: Diagnosis) -> None:
 
 
 SHOWS = {
-    ".html": "the page, every figure",
+    ".html": "the page with the figures",
     ".png": "the picture of it",
     ".toml": "the extended model, for --model",
     ".json": "all numbers",

@@ -226,13 +226,11 @@ def wanted(plan: Plan, name: str) -> Iterator[tuple[type, Stage]]:
     """The stages of a plan, then the pictures of what those stages make that are drawn of the experiment."""
     chosen = {s.output: s for s in results_stages() if plan.stages is None or s.name in plan.stages}
     yield from chosen.items()
-    drawn, files = (
-        [s for s in STAGES.values() if s.picture and s.function.__module__ in plan.pictures],
-        plan.to_draw(name),
-    )
-    yield from (
-        (s.output, s) for s in drawn if s.inputs[0].type in chosen and (files is None or s.output.file in files)
-    )
+    files = plan.to_draw(name)
+    for made in list(STAGES.values()):
+        drawn = made.picture and made.function.__module__ in plan.pictures and made.inputs[0].type in chosen
+        if drawn and (files is None or made.output.file in files):
+            yield made.output, made
 
 
 def explain(error: Exception, stage: str, path: Path) -> list[str]:

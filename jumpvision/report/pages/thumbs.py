@@ -25,7 +25,7 @@ from jumpvision.experiment.results.fields import Column, Flow, Piv
 from jumpvision.experiment.results.tables import Track
 from jumpvision.experiment.results.values import BedHeight, CraterShape
 from jumpvision.experiment.stages.recordings import open_film, open_grains, open_pictures
-from jumpvision.report.figures.overlays import Bgr, ConeDrawing, Drawing, brightness, frame_with_path
+from jumpvision.report.figures.overlays import GREEN, Bgr, ConeDrawing, Drawing, brightness, frame_with_path
 from jumpvision.report.figures.pictures import shrunk
 
 from .words import PREVIEW, inline
@@ -33,7 +33,7 @@ from .words import PREVIEW, inline
 if TYPE_CHECKING:
     import xarray as xr
 
-ORANGE, GREEN = (0, 94, 213), (115, 158, 0)  # BGR, of the house
+ORANGE = (0, 94, 213)  # BGR
 
 
 def thumbs(results: Path, experiment: Experiment) -> dict[str, str]:

@@ -34,7 +34,7 @@ MEMORY = 2**28  # bytes of windows kept, in a file; frames beyond are read again
 AS_CERTAIN = 1.05  # times the first's median sigma, up to which a second track is taken
 WORTHWHILE = 500  # frames from which on a frame's whole measurement is compiled code's: fewer are done sooner without
 BLOCK = 16  # windows that are measured together without the scene
-BESIDE, MORE_WAY = 12, 8.0  # frames on either side of a sharp turn of which more is kept; steps of the ball, how much
+TURN, WAY = 12, 8.0  # frames on either side of a sharp turn of which more is kept; by how much, in the ball's steps
 FLYING = "no plain disc that moves was found: followed is what is round and flies farthest, as a picture"
 
 
@@ -103,8 +103,8 @@ class FilmTracker:
         if self._scene is not None and not markers and not settings.streak:
             self._kept = []
         self._samples = Samples()
-        self._last: deque[tuple[int, Image, Found]] = deque(maxlen=BESIDE)  # frames in which the ball was found
-        self._turned, self._wide = -BESIDE - 1, -1  # frame of the last sharp turn; last one of which more is kept
+        self._last: deque[tuple[int, Image, Found]] = deque(maxlen=TURN)  # frames in which the ball was found
+        self._turned, self._wide = -TURN - 1, -1  # frame of the last sharp turn; last one of which more is kept
         self.shape = (0, 0)
 
     def see(self, image: Image) -> None:
@@ -153,11 +153,11 @@ class FilmTracker:
         a, b, c, d = [f for *_, f in self._last][-4:]
         if math.hypot(d.x - 3 * c.x + 3 * b.x - a.x, d.y - 3 * c.y + 3 * b.y - a.y) > SHARP[0] * d.diameter:
             self._turned = i
-        if i <= self._turned + BESIDE:
+        if i <= self._turned + TURN:
             way = [math.hypot(f.x - e.x, f.y - e.y) for (*_, e), (*_, f) in itertools.pairwise(self._last)]
             for j, before, f in self._last:
                 if j > self._wide:
-                    self._windows[0].put(j, self._window(before, f, MORE_WAY * max(way)))
+                    self._windows[0].put(j, self._window(before, f, WAY * max(way)))
             self._wide = i
 
     def finish(self, frames: Frames) -> list[BallTrack]:
