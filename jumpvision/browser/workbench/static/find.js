@@ -44,10 +44,15 @@ on("state ball", () => {
 
 export async function track() {
   if (store.track.running) return;
-  if (await attempt(() => post("api/track", { draft: store.draft })) === undefined) return;
-  store.track = { rows: [], running: true, finished: false };
+  const before = store.track, begun = { rows: [], running: true, finished: false };
+  store.track = begun; // before the server answers: what is shown is no longer the old track
   emit("track");
-  watch();
+  const answer = await attempt(() => post("api/track", { draft: store.draft }));
+  if (store.track !== begun) return; // another experiment meanwhile
+  if (answer === undefined) { // refused, and said
+    store.track = before;
+    emit("track");
+  } else watch(true);
 }
 
 export async function resume() { // a track that the server has, of before a reload
@@ -57,23 +62,23 @@ export async function resume() { // a track that the server has, of before a rel
   watch();
 }
 
-async function watch() {
+async function watch(begun = false) {
+  const t = store.track; // another track, or another experiment, ends this loop
   let now;
   do {
-    now = await attempt(() => get(`api/track?since=${store.track.finished ? 0 : store.track.rows.length}`));
-    if (!now) break;
-    const t = store.track;
+    now = await attempt(() => get(`api/track?since=${t.finished ? 0 : t.rows.length}`));
+    if (!now || store.track !== t) break;
     if (now.finished && !t.finished) { // the end looks at all frames once more
       now = (await attempt(() => get("api/track?since=0"))) ?? now;
       t.rows = now.rows;
     } else t.rows.push(...now.rows);
     Object.assign(t, { running: now.running, finished: now.finished, doing: now.doing ?? "", problem: now.problem ?? "", notes: now.notes ?? [] });
-    if (follow.checked && t.running && t.rows.length && !player.playing) seek(t.rows.length - 1);
+    if (follow.checked && (t.running || begun) && t.rows.length && !player.playing) seek(t.rows.length - 1);
     emit("track");
     await new Promise((done) => setTimeout(done, POLL));
-  } while (store.track.running);
-  store.track.running = false;
-  emit("track");
+  } while (t.running && store.track === t);
+  t.running = false;
+  if (store.track === t) emit("track");
 }
 
 on("state track", () => {
