@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from jumpvision.base.threads import at_most
 from jumpvision.jumper.mechanisms.cone import cone_mass
 from jumpvision.jumper.mechanisms.registry import ModelParameters
 from jumpvision.jumper.physics.batch import jump_batch
@@ -145,9 +146,8 @@ def against_scipy(model: Model, count: int, repeats: int, seed: int) -> str:
     off = error(ours(t))
     single = cost(lambda: [ours(t[[0, -1]]) for _ in range(20)], repeats) / 20 / count
     rows = np.tile(np.stack([law.rows for law in laws]), (200, 1, 1))
-    numba.set_num_threads(1)
-    batch = cost(lambda: jump_batch(model, rows, tail=0.8), repeats) / len(rows)
-    numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
+    with at_most(1):
+        batch = cost(lambda: jump_batch(model, rows, tail=0.8), repeats) / len(rows)
     for rtol in (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10):
         tracks: list[NDArray] = []
         peer = cost(lambda rtol=rtol, tracks=tracks: tracks.extend(scipy_track(model, x, t, rtol) for x in laws), 1)
@@ -166,15 +166,14 @@ def one_more(model: Model, count: int, repeats: int, seed: int) -> str:
     """Rows: cost of a jump in a batch with one term more of the rail or the motor, over that without."""
     rng = np.random.default_rng(seed)
     rows = np.stack([sinusoid(rng.uniform(5, 10), A, rng.choice([0.5, 1.5]) * math.pi).rows for _ in range(count)])
-    numba.set_num_threads(1)
-    plain = cost(lambda: jump_batch(model, rows, tail=0.8), repeats)
     out = []
-    for term, values in MORE.items():
-        more = dataclasses.replace(
-            model, terms=(*model.terms, term), parameters=dataclasses.replace(model.parameters, **values)
-        )
-        out.append(f"| {term} | {cost(lambda more=more: jump_batch(more, rows, tail=0.8), repeats) / plain:.2f} |")
-    numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
+    with at_most(1):
+        plain = cost(lambda: jump_batch(model, rows, tail=0.8), repeats)
+        for term, values in MORE.items():
+            more = dataclasses.replace(
+                model, terms=(*model.terms, term), parameters=dataclasses.replace(model.parameters, **values)
+            )
+            out.append(f"| {term} | {cost(lambda more=more: jump_batch(more, rows, tail=0.8), repeats) / plain:.2f} |")
     return "\n".join(out)
 
 
@@ -260,12 +259,12 @@ def main() -> None:
     print("| threads | wall [s] | wall a jump [us] |\n|---|---|---|")
     values = {"k1": rng.uniform(1500, 2500, args.jumps)}
     for threads in sorted({1, numba.config.NUMBA_NUM_THREADS}):
-        numba.set_num_threads(threads)
         walls = []
-        for _ in range(args.repeats):
-            began = time.perf_counter()
-            jump_batch(CONE, rows, **values)
-            walls.append(time.perf_counter() - began)
+        with at_most(threads):
+            for _ in range(args.repeats):
+                began = time.perf_counter()
+                jump_batch(CONE, rows, **values)
+                walls.append(time.perf_counter() - began)
         print(f"| {threads} | {min(walls):.2f} | {min(walls) / args.jumps * 1e6:.0f} |", flush=True)
     began = time.perf_counter()
     found = random_jumps(EVERYTHING, args.sets, args.seed)

@@ -86,7 +86,10 @@ Modes = NDArray[np.int64]
 
 
 class Space(NamedTuple):
-    """Arrays that a run writes to: its state (n,), its tolerance, and what its steps need."""
+    """Arrays that a run writes to: its state (n,), its tolerance, and what its steps need.
+
+    What is handed them at every step is `inlined`: called, a jump took half as long again (`benchmarks.granular`).
+    """
 
     s: Array
     tolerance: Array
@@ -264,7 +267,7 @@ def tried(trial: float, rtol: float, space: Space, p: Packed) -> tuple[float, bo
     return error, False
 
 
-@kernel
+@inlined
 def first_event(trial: float, final: Guards, space: Space, p: Packed) -> tuple[int, float, bool]:
     """Which guard falls first in a step, looked at in the middle and at the end: (guard or NONE or UNRESOLVED, share of
     the step, whether its dense output is written). final: guards at its end."""
@@ -307,7 +310,7 @@ def first_event(trial: float, final: Guards, space: Space, p: Packed) -> tuple[i
     return UNRESOLVED if unresolved else event, theta, known
 
 
-@kernel
+@inlined
 def cut(
     event: int, theta: float, trial: float, known: bool, rtol: float, space: Space, p: Packed
 ) -> tuple[float, bool]:
