@@ -5,7 +5,9 @@ the page lacks comes at the end of its part. The words around the tables stay: r
 `pip install -e '.[bench]'`; a peer that is not installed is left out and said so. All: about 20 minutes on two cores.
 
 `python -m benchmarks.run --quick` does so for what has a peer, and writes the machine, the versions and R: the time of
-2e7 turns of an empty loop, in whose units times of two machines may be compared. About 10 minutes.
+2e7 turns of an empty loop, in whose units times of two machines may be compared. About 5 minutes. At the end it lists
+every number that is no longer within a quarter of what the page had: rows of a peer tell the machine from the code.
+Set JUMPVISION_REAL_DATA, or rows of real pictures are lost.
 """
 
 from __future__ import annotations
@@ -67,6 +69,40 @@ def renewed(part: str, printed: str) -> str:
     return text.rstrip("\n") + "\n" + "".join(f"\n{t}" for t in new) if new else text
 
 
+def changed(part: str, printed: str) -> list[str]:
+    """Numbers of the printed tables that are not within a quarter of those of the part, row by row of one first cell;
+    what is below 0.01 in both is an error, no speed."""
+    before = {heading(t): cells(t) for t in TABLE.findall(part)}
+    out = []
+    for table in TABLE.findall(printed):
+        names, now, old = (
+            [c.strip() for c in heading(table).strip("|").split("|")],
+            cells(table),
+            before.get(heading(table)),
+        )
+        if old is None or [r[0] for r in old] != [r[0] for r in now]:
+            continue
+        for was, row in zip(old, now):
+            for name, a, b in zip(names[1:], was[1:], row[1:]):
+                x, y = number(a), number(b)
+                if x > 0.01 and y > 0.01 and not 0.8 <= y / x <= 1.25:
+                    out.append(
+                        f"{', '.join(row[:3]) if number(row[1]) == number(was[1]) else row[0]}; {name}: {a} -> {b}"
+                    )
+    return out
+
+
+def cells(table: str) -> list[list[str]]:
+    """Of the rows below the heading."""
+    return [[c.strip() for c in line.strip().strip("|").split("|")] for line in table.strip().splitlines()[2:]]
+
+
+def number(cell: str) -> float:
+    """The first number of a cell; NaN without one."""
+    found = re.search(r"[0-9][0-9,]*\.?[0-9]*(?:e-?[0-9]+)?", cell)
+    return float(found[0].replace(",", "")) if found and not found[0].endswith(",") else float("nan")
+
+
 def part_of(page: str, title: str) -> tuple[int, int]:
     """Where the part of this heading begins and ends, its subparts apart."""
     begin = re.search(rf"^##+ {re.escape(title)}\n", page, re.M)
@@ -106,13 +142,14 @@ def carried_out(name: str) -> str | None:
     return None if running.returncode else "".join(lines)
 
 
-def put(title: str, printed: str) -> None:
-    """The printed tables into the part of this heading."""
+def put(title: str, printed: str) -> list[str]:
+    """The printed tables into the part of this heading; what has changed."""
     page = ROOT / "docs" / "benchmarks.md"
     text = page.read_text(encoding="utf-8")
     begin, end = part_of(text, title)
     new = renewed(text[begin:end].rstrip("\n") + "\n", printed)
     page.write_text((text[:begin] + new + "\n" + text[end:]).rstrip("\n") + "\n", encoding="utf-8")
+    return [f"{title}: {line}" for line in changed(text[begin:end], printed)]
 
 
 def machine(seconds: tuple[float, float], took: float) -> str:
@@ -134,18 +171,20 @@ def main(*names: str) -> None:
     if unknown := set(wanted) - PARTS.keys():
         raise SystemExit(f"{', '.join(sorted(unknown))}: not known; {', '.join(PARTS)} are")
     began, before = time.perf_counter(), reference() if quick else 0.0
-    failed = []
+    failed, other = [], []
     for name in wanted:
         print(f"\n## {PARTS[name]}: `python -m benchmarks.{name}`\n", flush=True)
         printed = carried_out(name)
         if printed is None:
             failed.append(name)
         else:
-            put(PARTS[name], printed)
+            other += put(PARTS[name], printed)
     if quick:
         told = machine((before, reference()), time.perf_counter() - began)
         print(f"\n{told}")
         put(MACHINE, told)
+    if other:
+        print("\nNot within a quarter of what docs/benchmarks.md had:\n\n" + "\n".join(other))
     if failed:
         raise SystemExit(f"failed: {', '.join(failed)}")
 
