@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,10 +48,18 @@ class Motion:
         """What the record lasts [s]."""
         return float(self.t[-1] - self.t[0])
 
-    def flights(self, upside_down: bool = False) -> Flights:
+    @cached_property
+    def flights(self) -> Flights:
         """Those that the track itself shows, to a sample."""
-        good = np.isfinite(self.height) & np.isfinite(self.t)
-        t, h = self.t[good], (-self.height if upside_down else self.height)[good]
+        return self._flights(self.height)
+
+    def flights_upside_down(self) -> Flights:
+        """Those that it would show with its other side up."""
+        return self._flights(-self.height)
+
+    def _flights(self, height: Array) -> Flights:
+        good = np.isfinite(height) & np.isfinite(self.t)
+        t, h = self.t[good], height[good]
         sigma = np.full(t.size, noise_of(h)) if self.sigma is None else self.sigma[good]
         step = float(np.median(np.diff(t)))
         rows: list[tuple[float, ...]] = []
@@ -89,7 +98,7 @@ def cross_checks(
     """Every doubt. name: the track's section. touches: times and 0 or 1 of the contact log; motor: times, X_m [m].
     soft [s]: as in `contact`; swing [s]: as in `upright`. confirmed: the track's heights are known to be right."""
     if motion is not None and np.isfinite(motion.height).sum() > FEWEST:
-        found = motion.flights()
+        found = motion.flights
         yield from () if confirmed else upright(name, motion, found, swing)
         if touches is not None and touches[0].size > FEWEST:
             yield from contact(name, motion, found, *touches, soft)
@@ -108,7 +117,7 @@ def upright(name: str, motion: Motion, found: Flights, swing: float) -> Iterator
     up = lasting(found)
     if up > 0.1 * motion.span:  # so much in flight, and it is not upside down
         return
-    turned = motion.flights(upside_down=True)
+    turned = motion.flights_upside_down()
     down = lasting(turned)
     if down > SHORTEST and down > 2.0 * up and np.nanmax(turned.time) > 1.25 * swing:
         yield StageWarning(
@@ -126,7 +135,7 @@ def ringing(name: str, motion: Motion, h: Array, robot: Robot, law: Actuation, *
     k, mass, t = robot.spring_stiffness, total_mass(robot), motion.t
     if not k or not mass or motion.sigma is None or not (law.moves or law.kind == "none"):
         return
-    landings = motion.flights().landing
+    landings = motion.flights.landing
     begin = max([law.stop if law.moves else t[0], *landings[np.isfinite(landings)]])
     tail = t >= max(begin, t[-1] - 0.5 * (t[-1] - begin)) if law.moves else np.ones(t.size, bool)
     if tail.sum() < 2 * FEWEST:

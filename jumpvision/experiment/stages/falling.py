@@ -57,9 +57,9 @@ def falls_otherwise(motion: Motion, name: str, after: float) -> Iterator[StageWa
     [s]: when the motor rests."""
     late = replace(motion, height=np.where(motion.t > after, motion.height, math.nan))
     span = float(motion.t[-1]) - max(after, float(motion.t[0]))
-    if np.isfinite(late.height).sum() < FEWEST or (own := lasting(late.flights())) > ENOUGH_OF_IT * span:
+    if np.isfinite(late.height).sum() < FEWEST or (own := lasting(late.flights)) > ENOUGH_OF_IT * span:
         return
-    most, q = max((lasting(replace(late, gravity=q * motion.gravity).flights()), q) for q in OTHERS)
+    most, q = max((lasting(replace(late, gravity=q * motion.gravity).flights), q) for q in OTHERS)
     if most > max(MANY * span, 3.0 * own):
         yield StageWarning(
             "scale",
