@@ -18,7 +18,8 @@ from typing import NamedTuple
 from benchmarks.run import reference
 
 ROOT = Path(__file__).parents[1]
-ALONE = {n: v for n, v in os.environ.items() if n not in ("PYTHONPATH", "NUMBA_CACHE_DIR")}  # nothing of ours is found
+OURS = ("PYTHONPATH", "NUMBA_CACHE_DIR", "PYTHONDONTWRITEBYTECODE")  # a newcomer has none of them
+ALONE = {n: v for n, v in os.environ.items() if n not in OURS}
 VERDICT = re.compile(r"The simulation (over|under)-predicts.* because it lacks")  # behind a line's progress, too
 
 
