@@ -104,7 +104,7 @@ def motion_of(
         if motor is not None:
             raise ValueError(f"{', '.join(t for t in terms if t in DRIVE)}: leave it out beside the motor's loop")
         when = np.arange(law.start, law.stop + AFTER, 1.0 / RATE)
-        asked = np.array([_command(x, command)[0] for x in when])
+        asked = np.array([_command(x, math.sin(command[2]), command)[0] for x in when])
         command = _commanded(Samples(performed(asked, faults), RATE, law.start))
     loop = _loop(motor, law, q.tau)
     n = round(duration / (dt * every)) + 1

@@ -19,8 +19,9 @@ ROUNDING = 1e-9  # of the weight: a foot at rest on the yield surface is not pus
 
 
 @nb.njit(cache=True)
-def _command(t, cmd):  # type: ignore[no-untyped-def]
-    """X_m, its rate and acceleration as commanded."""
+def _command(t, first, cmd):  # type: ignore[no-untyped-def]
+    """X_m, its rate and acceleration as commanded; first: sin(phase). Asked once for each time of a step: its sines
+    were half of the time of a jump."""
     A, w, phase, start, half, delay, stop, _, samples, rate = cmd
     moving = True
     if t < start:
@@ -41,10 +42,11 @@ def _command(t, cmd):  # type: ignore[no-untyped-def]
         u, moving = half - start, False
     else:
         u = t - delay - start
-    X = A * (math.sin(w * u + phase) - math.sin(phase))
+    sin = math.sin(w * u + phase)
+    X = A * (sin - first)
     if not moving:
         return X, 0.0, 0.0
-    return X, A * w * math.cos(w * u + phase), -A * w * w * math.sin(w * u + phase)
+    return X, A * w * math.cos(w * u + phase), -A * w * w * sin
 
 
 @nb.njit(cache=True)
@@ -86,9 +88,9 @@ def _resistance(z, over, q):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True)
-def _rod(t, y, w, X, V, cmd, loop, q):  # type: ignore[no-untyped-def]
-    """x_r, v_r, v_m and X_m, X_m' from the state."""
-    command, rate, _ = _command(t, cmd)
+def _rod(asked, y, w, X, V, loop, q):  # type: ignore[no-untyped-def]
+    """x_r, v_r, v_m and X_m, X_m' from the state; asked: the command."""
+    command, rate, _ = asked
     if loop.kp > 0.0:
         rate = V
     elif q.tau > 0.0:
@@ -115,13 +117,13 @@ def _rail(x_r, q):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True)
-def _acceleration(t, X, V, x_r, v_m, F_s, cmd, loop, q):  # type: ignore[no-untyped-def]
+def _acceleration(asked, t, X, V, x_r, v_m, F_s, cmd, loop, q):  # type: ignore[no-untyped-def]
     """X_m'' under the feedback loop: motor m_m a_m = -m_m g + F_m - c_v v_m, rod m_r a_r = -m_r g - F_m + F_s.
 
     F_m = kp (command - X_m) + kd (command' - X_m') + m_m g, cut at max_force; at the end of the travel or of the
     speed it does not push on.
     """
-    command, rate, _ = _command(t, cmd)
+    command, rate, _ = asked
     _, _, _, _, half, delay, _, dwell, _, _ = cmd
     gain = loop.kp * (dwell if half <= t < half + delay else 1.0)
     F_m = gain * (command - X) + loop.kd * (rate - V) + q.m_m * q.g
@@ -136,11 +138,11 @@ def _acceleration(t, X, V, x_r, v_m, F_s, cmd, loop, q):  # type: ignore[no-unty
 
 
 @nb.njit(cache=True)
-def _slopes(t, y, w, x_f, v_f, X, V, mode, over, cmd, loop, q):  # type: ignore[no-untyped-def]
+def _slopes(asked, t, y, w, x_f, v_f, X, V, mode, over, cmd, loop, q):  # type: ignore[no-untyped-def]
     """Time derivatives of y, w = y', x_f, v_f, X_m, X_m' in a mode; Coulomb friction is put in after the step."""
-    x_r, v_r, v_m, _, rate = _rod(t, y, w, X, V, cmd, loop, q)
+    x_r, v_r, v_m, _, rate = _rod(asked, y, w, X, V, loop, q)
     F_s = _spring(x_r, v_r, x_f, v_f, mode, q)
-    a_X = _acceleration(t, X, V, x_r, v_m, F_s, cmd, loop, q) if loop.kp > 0.0 else 0.0
+    a_X = _acceleration(asked, t, X, V, x_r, v_m, F_s, cmd, loop, q) if loop.kp > 0.0 else 0.0
     a_y = -q.g + (F_s - _rail(x_r, q) * v_m) / q.M
     a_f = 0.0
     if mode == AIR and q.m_f > 0.0:
@@ -156,9 +158,10 @@ def _slopes(t, y, w, x_f, v_f, X, V, mode, over, cmd, loop, q):  # type: ignore[
 
 
 @nb.njit(cache=True)
-def _step(r, h, t, y, w, x_f, v_f, X, V, mode, over, cmd, loop, q):  # type: ignore[no-untyped-def]
-    """The slopes a time h on, along the slopes r."""
+def _step(r, h, asked, t, y, w, x_f, v_f, X, V, mode, over, cmd, loop, q):  # type: ignore[no-untyped-def]
+    """The slopes a time h on, along the slopes r; asked: the command then."""
     return _slopes(
+        asked,
         t + h,
         y + h * r[0],
         w + h * r[1],
@@ -209,21 +212,23 @@ def integrate(q, cmd, loop, dt, every, n):  # type: ignore[no-untyped-def]
     y = x_f + extension
     mode: int = np.int64(STUCK)  # type: ignore[assignment]  # of a literal: functions compiled twice
     over = (0.0, 0.0, 0.0, 0.0, 1.0)
+    first = math.sin(cmd[2])
     for i in range((n - 1) * every + 1):
         t = i * dt
+        asked = _command(t, first, cmd)
         if i % every == 0:
             j = i // every
-            x_r, v_r, v_m, X_now, rate = _rod(t, y, w, X, V, cmd, loop, q)
+            x_r, v_r, v_m, X_now, rate = _rod(asked, y, w, X, V, loop, q)
             F_s = _spring(x_r, v_r, x_f, v_f, mode, q)
-            _, command_rate, acc = _command(t, cmd)
+            _, command_rate, acc = asked
             if q.tau > 0.0:
                 acc = (command_rate - rate) / q.tau
             if loop.kp > 0.0:
-                acc = _acceleration(t, X, V, x_r, v_m, F_s, cmd, loop, q) - q.F_c * np.sign(v_m) / q.m_m
+                acc = _acceleration(asked, t, X, V, x_r, v_m, F_s, cmd, loop, q) - q.F_c * np.sign(v_m) / q.m_m
             rail = -_rail(x_r, q) * v_m - q.F_c * np.sign(v_m)
             a_r = -q.g + (F_s + rail - q.m_m * acc) / q.M
             push = F_s + q.m_f * q.g
-            slopes = _slopes(t, y, w, x_f, v_f, X, V, mode, over, cmd, loop, q)
+            slopes = _slopes(asked, t, y, w, x_f, v_f, X, V, mode, over, cmd, loop, q)
             row = (x_r, v_r, x_f, v_f, X_now, rate, q.m_m * (a_r + acc + q.g) - rail)
             for m in range(7):
                 out[m, j] = row[m]
@@ -232,10 +237,11 @@ def integrate(q, cmd, loop, dt, every, n):  # type: ignore[no-untyped-def]
             contact[j] = mode != AIR
 
         h = 0.5 * dt
-        a = _slopes(t, y, w, x_f, v_f, X, V, mode, over, cmd, loop, q)
-        b = _step(a, h, t, y, w, x_f, v_f, X, V, mode, over, cmd, loop, q)
-        c = _step(b, h, t, y, w, x_f, v_f, X, V, mode, over, cmd, loop, q)
-        d = _step(c, dt, t, y, w, x_f, v_f, X, V, mode, over, cmd, loop, q)
+        halfway, at_end = _command(t + h, first, cmd), _command(t + dt, first, cmd)
+        a = _slopes(asked, t, y, w, x_f, v_f, X, V, mode, over, cmd, loop, q)
+        b = _step(a, h, halfway, t, y, w, x_f, v_f, X, V, mode, over, cmd, loop, q)
+        c = _step(b, h, halfway, t, y, w, x_f, v_f, X, V, mode, over, cmd, loop, q)
+        d = _step(c, dt, at_end, t, y, w, x_f, v_f, X, V, mode, over, cmd, loop, q)
         s = dt / 6.0
         y += s * (a[0] + 2.0 * b[0] + 2.0 * c[0] + d[0])
         w += s * (a[1] + 2.0 * b[1] + 2.0 * c[1] + d[1])
@@ -250,14 +256,14 @@ def integrate(q, cmd, loop, dt, every, n):  # type: ignore[no-untyped-def]
             X = min(max(X, loop.low), loop.high)
         t += dt
 
-        x_r, v_r, v_m, X_now, rate = _rod(t, y, w, X, V, cmd, loop, q)
+        x_r, v_r, v_m, X_now, rate = _rod(at_end, y, w, X, V, loop, q)
         if q.F_c > 0.0:  # set-valued friction: at most F_c dt of momentum, never through v_m = 0
             share = q.m_m / q.M if loop.kp > 0.0 else 1.0  # of v_m's change that y' takes
             kick = min(share * abs(v_m), q.F_c * dt / q.M) * np.sign(v_m)
             w -= kick
             V -= kick / share
             y -= 0.5 * dt * kick
-            x_r, v_r, v_m, X_now, rate = _rod(t, y, w, X, V, cmd, loop, q)
+            x_r, v_r, v_m, X_now, rate = _rod(at_end, y, w, X, V, loop, q)
 
         if q.hard and q.m_f == 0.0:  # the foot is the end of a massless spring
             if mode == STUCK and x_r > 0.0:
