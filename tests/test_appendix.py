@@ -66,7 +66,7 @@ def test_the_quick_run_writes_the_peers_tables_and_the_machine_and_nothing_else(
     run.main("--quick")
     first = page.read_text(encoding="utf-8")
     table = run.TABLE.search(first)[0]
-    assert "| R, 2e7 turns of an empty loop, before and after | 0.25, 0.25 s |" in table
+    assert "| R, 2e7 turns of a loop that counts, before and after | 0.25, 0.25 s |" in table
     assert all(f"| {name} | " in table for name in ("cores", "Python", "jumpvision", *run.PEERS))
     others = OLD.replace("| 2 |", "| 7 ± 1 |") + "\n| a |\n|---|\n| 7 ± 2 |\n"
     assert first.replace("\n" + table, "") == others

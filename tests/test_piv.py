@@ -72,7 +72,9 @@ def _frame(shape, bed, displacement, side, sub):
     mx, my = x, y
     for _ in range(30):  # the material point that is at (x, y) in this frame; a contraction for gradients below 2
         u, v = displacement(mx, my)
-        mx, my = x - side * u / 2, y - side * v / 2
+        bx, by, mx, my = mx, my, x - side * u / 2, y - side * v / 2
+        if max(np.abs(mx - bx).max(), np.abs(my - by).max()) < 1e-12:
+            break
     image = np.full(x.shape, 35.0)
     for gx, gy, r, grey, amplitude, k, angle, phase in bed:
         u, v = displacement(np.float64(gx), np.float64(gy))
