@@ -6,13 +6,14 @@ the page lacks comes at the end of its part. The words around the tables stay: r
 
 `python -m benchmarks.run --quick` does so for what has a peer, and writes the machine, the versions and R: the time of
 2e7 turns of a loop that counts, in whose units times of two machines may be compared. About 5 minutes. At the end it
-lists every number that is no longer within a quarter of what the page had: rows of a peer tell the machine from the
-code. Set JUMPVISION_REAL_DATA, or rows of real pictures are lost.
+lists every row that is gone and every number no longer within a quarter of what the page had: rows of a peer tell the
+machine from the code. Set JUMPVISION_REAL_DATA, or rows of real pictures are lost.
 """
 
 from __future__ import annotations
 
 import importlib.metadata
+import itertools
 import os
 import platform
 import re
@@ -70,25 +71,21 @@ def renewed(part: str, printed: str) -> str:
 
 
 def changed(part: str, printed: str) -> list[str]:
-    """Numbers of the printed tables that are not within a quarter of those of the part, row by row of one first cell;
-    what is below 0.01 in both is an error, no speed."""
+    """What differs between the part's tables and the printed ones of the same heading: rows that are gone, and, where
+    the rows are the same, numbers not within a quarter of what they were (below 0.01 in both: an error, no speed)."""
     before = {heading(t): cells(t) for t in TABLE.findall(part)}
     out = []
     for table in TABLE.findall(printed):
-        names, now, old = (
-            [c.strip() for c in heading(table).strip("|").split("|")],
-            cells(table),
-            before.get(heading(table)),
-        )
-        if old is None or [r[0] for r in old] != [r[0] for r in now]:
-            continue
-        for was, row in zip(old, now):
+        names, now = [c.strip() for c in heading(table).strip("|").split("|")], cells(table)
+        old = before.get(heading(table), [])
+        first = [r[0] for r in now]
+        out += [f"{r[0]}: no longer there" for r in old if r[0] not in first]
+        for was, row in zip(old, now) if [r[0] for r in old] == first else ():
+            of = ", ".join(b for a, b in itertools.takewhile(lambda pair: pair[0] == pair[1], zip(was, row)))
             for name, a, b in zip(names[1:], was[1:], row[1:]):
                 x, y = number(a), number(b)
-                if x > 0.01 and y > 0.01 and not 0.8 <= y / x <= 1.25:
-                    out.append(
-                        f"{', '.join(row[:3]) if number(row[1]) == number(was[1]) else row[0]}; {name}: {a} -> {b}"
-                    )
+                if max(x, y) > 0.01 and x > 0.0 and not 0.8 <= y / x <= 1.25:
+                    out.append(f"{of}; {name}: {a} -> {b}")
     return out
 
 
@@ -181,7 +178,7 @@ def main(*names: str) -> None:
         print(f"\n{told}")
         put(MACHINE, told)
     if other:
-        print("\nNot within a quarter of what docs/benchmarks.md had:\n\n" + "\n".join(other))
+        print("\nNo longer as docs/benchmarks.md had it, to a quarter:\n\n" + "\n".join(other))
     if failed:
         raise SystemExit(f"failed: {', '.join(failed)}")
 

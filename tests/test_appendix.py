@@ -37,6 +37,17 @@ OLD = (
 )
 
 
+def test_what_is_slower_than_the_page_says_and_rows_that_are_gone_are_said():
+    def table(*rows):
+        return "".join(f"| {line} |\n" for line in ("case | noise | ours | error", "---|---|---|---", *rows))
+
+    part = table("a | 2 | 1,000 us | 0.003", "a | 5 | 400 (rtol 1) | 0.2", "b | 2 | 10 | none")
+    slower = table("a | 2 | 1,300 us | 0.009", "a | 5 | 480 (rtol 1) | 0.1", "b | 2 | 9 | none")
+    assert run.changed(part, slower) == ["a, 2; ours: 1,000 us -> 1,300 us", "a, 5; error: 0.2 -> 0.1"]
+    assert run.changed(part, table("a | 2 | 1 | 1", "a | 5 | 1 | 1")) == ["b: no longer there"]
+    assert run.changed(part, part) == run.changed("", part) == []
+
+
 @pytest.fixture
 def page(tmp_path, monkeypatch):
     """A page of three parts and tiny benchmarks of two; what is printed has a table, words, and signs beyond ASCII."""
