@@ -235,7 +235,16 @@ def test_a_lost_frame_is_found_corrected_and_gone_on_with(tmp_path, served, brow
     p.page.mouse.click(*p.at(*truth[20]))
     p.until("Object.keys(workbench.store.draft.corrections).join() === '20'")
     p.page.keyboard.press("Escape")
+    p.page.evaluate("window.before = workbench.store.track")
+    asked = []
+    p.page.route("**/api/track", lambda route: (asked.append(1), route.abort()))  # the server is gone for once
     p.page.keyboard.press("t")
+    p.until("workbench.store.track === window.before")  # again: nothing is lost
+    assert asked == [1]
+    p.page.unroute("**/api/track")
+    p.said.clear()  # the browser's own words of that
+    p.page.keyboard.press("t")
+    assert p.get("workbench.store.track !== window.before")  # before the server answers
     p.until("workbench.store.track.finished && !workbench.store.track.running")
     p.click("#tab-plot")
     p.page.wait_for_selector("#plot .u-over")
