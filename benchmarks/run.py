@@ -2,7 +2,7 @@
 
 Runs `benchmarks/NAME.py` and puts each table that it prints in the place of that with the same heading; a table that
 the page lacks comes at the end of its part. The words around the tables stay: read them again afterwards. Needs
-`pip install -e '.[bench]'`; a peer that is not installed is left out and said so. All: about 20 minutes on two cores.
+`pip install -e '.[bench]'`; where a peer is not installed, its table stays as it is. All: 20 minutes on two cores.
 
 `python -m benchmarks.run --quick` does so for what has a peer, and writes the machine, the versions and R: the time of
 2e7 turns of a loop that counts, in whose units times of two machines may be compared. About 5 minutes. At the end it
@@ -65,19 +65,35 @@ def renewed(part: str, printed: str) -> str:
     """The text of a part with the printed tables in place of its own of the same heading; new ones at its end."""
     made = {heading(t): t.strip() + "\n" for t in TABLE.findall(printed)}
     there = [heading(t) for t in TABLE.findall(part)]
-    text = TABLE.sub(lambda m: made.get(heading(m[0]), m[0]), part)
+
+    def put_in(m: re.Match[str]) -> str:
+        new = made.get(heading(m[0]), m[0])
+        return m[0] if emptied(m[0], new) else new
+
+    text = TABLE.sub(put_in, part)
     new = [t for name, t in made.items() if name not in there]
     return text.rstrip("\n") + "\n" + "".join(f"\n{t}" for t in new) if new else text
 
 
+def emptied(old: str, new: str) -> bool:
+    """Whether cells of a table are empty in the one that is to take its place: a peer is not installed."""
+    a, b = cells(old), cells(new)
+    same = [r[0] for r in a] == [r[0] for r in b]
+    return same and any(x and not y for was, row in zip(a, b) for x, y in zip(was, row))
+
+
 def changed(part: str, printed: str) -> list[str]:
     """What differs between the part's tables and the printed ones of the same heading: rows that are gone, and, where
-    the rows are the same, numbers not within a quarter of what they were (below 0.01 in both: an error, no speed)."""
-    before = {heading(t): cells(t) for t in TABLE.findall(part)}
+    the rows are the same, numbers not within a quarter of what they were (below 0.01 in both: an error, no speed).
+    A table that stays, as a peer is not installed, is said too."""
+    before = {heading(t): t for t in TABLE.findall(part)}
     out = []
     for table in TABLE.findall(printed):
+        if emptied(before.get(heading(table), ""), table):
+            out.append(f"{heading(table)}: stays as it is, for a peer is not installed")
+            continue
         names, now = [c.strip() for c in heading(table).strip("|").split("|")], cells(table)
-        old = before.get(heading(table), [])
+        old = cells(before.get(heading(table), ""))
         first = [r[0] for r in now]
         out += [f"{r[0]}: no longer there" for r in old if r[0] not in first]
         for was, row in zip(old, now) if [r[0] for r in old] == first else ():

@@ -46,6 +46,8 @@ def test_what_is_slower_than_the_page_says_and_rows_that_are_gone_are_said():
     assert run.changed(part, slower) == ["a, 2; ours: 1,000 us -> 1,300 us", "a, 5; error: 0.2 -> 0.1"]
     assert run.changed(part, table("a | 2 | 1 | 1", "a | 5 | 1 | 1")) == ["b: no longer there"]
     assert run.changed(part, part) == run.changed("", part) == []
+    without = table("a | 2 | 1,000 us | ", "a | 5 | 500 | 0.2", "b | 2 | 10 | none")  # a peer is not installed
+    assert run.renewed(part, without) == part and "stays" in run.changed(part, without)[0]
 
 
 @pytest.fixture

@@ -20,8 +20,8 @@ ROUNDING = 1e-9  # of the weight: a foot at rest on the yield surface is not pus
 
 @nb.njit(cache=True)
 def _command(t, first, cmd):  # type: ignore[no-untyped-def]
-    """X_m, its rate and acceleration as commanded; first: sin(phase). Asked once for each time of a step: its sines
-    were half of the time of a jump."""
+    """X_m, its rate and acceleration as commanded; first: sin(phase). Asked once for each time of a step, as its sines
+    take two fifths of the time of a jump."""
     A, w, phase, start, half, delay, stop, _, samples, rate = cmd
     moving = True
     if t < start:

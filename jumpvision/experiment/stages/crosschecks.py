@@ -54,7 +54,7 @@ class Motion:
         return self._flights(self.height)
 
     def flights_upside_down(self) -> Flights:
-        """Those that it would show with its other side up."""
+        """Those of the same track turned upside down."""
         return self._flights(-self.height)
 
     def _flights(self, height: Array) -> Flights:

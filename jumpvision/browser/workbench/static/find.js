@@ -45,14 +45,14 @@ on("state ball", () => {
 export async function track() {
   if (store.track.running) return;
   const before = store.track, begun = { rows: [], running: true, finished: false };
-  store.track = begun; // before the server answers: what is shown is no longer the old track
+  store.track = begun; // at once: the old track is no longer shown as this one
   emit("track");
   const answer = await attempt(() => post("api/track", { draft: store.draft }));
   if (store.track !== begun) return; // another experiment meanwhile
   if (answer === undefined) { // refused, and said
     store.track = before;
     emit("track");
-  } else watch(true);
+  } else watch(true); // and shown to its last frame
 }
 
 export async function resume() { // a track that the server has, of before a reload
@@ -62,7 +62,7 @@ export async function resume() { // a track that the server has, of before a rel
   watch();
 }
 
-async function watch(begun = false) {
+async function watch(toEnd = false) {
   const t = store.track; // another track, or another experiment, ends this loop
   let now;
   do {
@@ -73,7 +73,7 @@ async function watch(begun = false) {
       t.rows = now.rows;
     } else t.rows.push(...now.rows);
     Object.assign(t, { running: now.running, finished: now.finished, doing: now.doing ?? "", problem: now.problem ?? "", notes: now.notes ?? [] });
-    if (follow.checked && (t.running || begun) && t.rows.length && !player.playing) seek(t.rows.length - 1);
+    if (follow.checked && (t.running || toEnd) && t.rows.length && !player.playing) seek(t.rows.length - 1);
     emit("track");
     await new Promise((done) => setTimeout(done, POLL));
   } while (t.running && store.track === t);

@@ -88,7 +88,7 @@ Modes = NDArray[np.int64]
 class Space(NamedTuple):
     """Arrays that a run writes to: its state (n,), its tolerance, and what its steps need.
 
-    What is handed them at every step is `inlined`: called, a jump took half as long again (`benchmarks.granular`).
+    Functions that take these at every step are `inlined`: as calls a jump took 1.5 times as long (benchmarks.granular).
     """
 
     s: Array
