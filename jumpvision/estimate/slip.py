@@ -20,6 +20,7 @@ PROMISING = 0.5  # of the misfit, at the nearest of FACTORS, from where the best
 FACTORS = np.geomspace(1.0 / 12.0, 12.0, 17)  # of a number; refined between
 PACES = np.geomspace(0.25, 4.0, 71)  # of the track's clock
 SHIFTS = np.linspace(-0.03, 0.03, 31)  # s, of its first motion
+COARSE = 150  # samples on which PACES and SHIFTS are compared
 
 Motion = tuple[Array, Array]  # s, m
 AS_DECLARED: Mapping[str, float] = MappingProxyType({})
@@ -93,9 +94,26 @@ class Played:
             apart = self.h[near] - np.interp(tau[near], clock, y)
             return rms(apart - np.median(apart))  # rest was sought before the motor starts by a wrong clock
 
-        coarse = [(at(np.array([p, s])), p, s) for p in PACES for s in SHIFTS]
-        fine = minimize(at, min(coarse)[1:], method="Nelder-Mead", options={"xatol": 1e-4, "fatol": 1e-7})
+        begun = self._nearest(here, there, clock, y)
+        fine = minimize(at, begun, method="Nelder-Mead", options={"xatol": 1e-4, "fatol": 1e-7})
         return float(fine.fun), float(fine.x[0])
+
+    def _nearest(self, here: float, there: float, clock: Array, y: Array) -> Array:
+        """The best of PACES and SHIFTS (2,), by every n-th sample: of a track that first moves at `here` [s], of a model
+        y at `clock` that does at `there`."""
+        every = max(1, self.t.size // COARSE)
+        t, h = self.t[::every] - here, self.h[::every]
+        tried = []
+        for pace in PACES:
+            tau = there + pace * t + SHIFTS[:, None]
+            near = (tau > self.begin) & (tau < self.until)
+            n = np.maximum(near.sum(axis=1), 1)
+            apart = near * (h - np.interp(tau, clock, y))
+            variance = (apart**2).sum(axis=1) / n - (apart.sum(axis=1) / n) ** 2
+            variance[n * every < FEWEST] = math.inf
+            k = int(np.argmin(variance))
+            tried.append((float(variance[k]), float(pace), float(SHIFTS[k])))
+        return np.array(min(tried)[1:])
 
 
 def rms(x: Array) -> float:

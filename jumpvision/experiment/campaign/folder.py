@@ -192,7 +192,7 @@ def _outcomes(
 
 
 class _Early:
-    """Begins to question a campaign, beside its grain films, when all of its jumps are known."""
+    """Begins to question a campaign when all of its tracks are known, beside films, fits and doubts."""
 
     def __init__(self, campaign: Campaign, workers: int, say: Callable[[str], None]) -> None:
         self.campaign, self.workers, self.say = campaign, workers, say

@@ -26,14 +26,15 @@ SAME = 0.03  # of gravity, by which curvatures may differ: friction and air
 OTHERS = (0.7, 0.8, 0.9, 1.1, 1.2, 1.3)  # of gravity, at which flights are looked for where few fall at it
 MANY, ENOUGH_OF_IT = 0.2, 0.25  # of the time after the motor stops, in flight
 SHARP = 0.01  # of gravity: an uncertainty of a curvature that outdoes that of flights found in the track
+ALIKE = 0.005  # of gravity: what lens, air, friction and tilt make of a curvature
 
 
 def falling(motion: Motion, robot: Robot, name: str, *, after: float, hard: bool) -> Iterator[StageWarning]:
     """The curvature of free flight beside gravity: scale, frame rate or tilt. after [s]: when the motor rests. A short
     one may be a swing."""
-    foot = hanging_foot(robot)
+    foot, swing = hanging_foot(robot), swing_of(robot, hard=hard)
     good = np.isfinite(motion.t) & np.isfinite(motion.height) & (motion.t > after)
-    if good.sum() < FEWEST:
+    if good.sum() < FEWEST or _at_gravity(motion, robot, after, swing):
         return
     every = max(1, round(ENOUGH / float(np.median(np.diff(motion.t[good])))))
     found = track_flights(
@@ -46,10 +47,19 @@ def falling(motion: Motion, robot: Robot, name: str, *, after: float, hard: bool
         max_gap=GAP,
         ripple=foot_ripple(*foot) if foot else 0.0,
     )
-    swing = swing_of(robot, hard=hard)
     for doubt in found.doubts:
         if doubt.kind == "scale" and np.nanmax(found.time, initial=0.0) > swing:
             yield StageWarning("scale", f"[{name}] {doubt}", name, doubt.values)
+
+
+def _at_gravity(motion: Motion, robot: Robot, after: float, swing: float) -> bool:
+    """Whether flights that are found to a sample, one longer than a swing [s], fall at gravity already: where their ends
+    are does not matter then, and takes ten times as long."""
+    late = motion.flights.only(motion.flights.lift_off > after)
+    if not np.nanmax(late.time, initial=0.0) > swing:
+        return False
+    found, g = curvature(motion, late, hanging_foot(robot), after), robot.gravity
+    return found.sigma < SHARP * g and abs(found.value - g) < max(ALIKE * g, found.sigma)
 
 
 def falls_otherwise(motion: Motion, name: str, after: float) -> Iterator[StageWarning]:

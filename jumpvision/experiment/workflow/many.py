@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+from jumpvision.base.compiling import notice
 from jumpvision.base.progress import ready, worker_pool
 from jumpvision.experiment.inputs.experiment import Campaign, Experiment
 from jumpvision.experiment.inputs.sections import GrainVideo
@@ -29,8 +30,13 @@ class Job(NamedTuple):
     results: Path
     before: Outcome | None = None
 
+    @property
+    def filmed(self) -> bool:
+        """Whether it has a grain film, which takes longest."""
+        return self.experiment.section(GrainVideo) is not None
 
-BEFORE_FILM = ("rod", "bed")  # stages that tell of an experiment's jump
+
+TRACKED = ("rod", "bed")  # stages that tell of an experiment's jump
 
 
 def run_campaign(
@@ -44,7 +50,9 @@ def run_campaign(
 ) -> list[Outcome]:
     """Every experiment, `workers` at a time; `done` is called as each one ends. Outcomes in the campaign's order.
 
-    jumps: is called where grain films take longer than all else, with what is known before they are matched.
+    jumps: is called once, where several run at a time, with what is known when all tracks are: grain films, fits and
+    doubts take far longer. Where code has to be compiled, when only films are left: two processes that need the same
+    function would both compile it.
 
     Pictures are drawn only where all else is in the cache; `undrawn` says of an outcome that they are left to `draw`.
     elsewhere: the experiments were computed by others, with these failures by name; here they are only collected.
@@ -76,30 +84,28 @@ def _run_campaign(
 
     bare = replace(plan, drawn={})
     left = {n: job._replace(plan=bare) for n, job in jobs.items() if n not in outcomes}
-    films = (
-        {n for n, job in left.items() if job.experiment.section(GrainVideo) is not None}
-        if jumps and workers > 1
-        else set()
-    )
-    before = replace(bare, stages=BEFORE_FILM, whole=False)
+    early = {*left} if jumps and workers > 1 else set[str]()  # all, until it is told of them
+    unfilmed = {n for n, job in left.items() if not job.filmed}
+    before = replace(bare, stages=TRACKED, whole=False)
     first: dict[str, Outcome] = {}
 
     def report(name: str, outcome: Outcome) -> dict[str, Job]:
-        if name in films and name not in first:
+        tracked = name in early and name not in first
+        if tracked:
             first[name] = outcome
-            more = {name: left[name]}
         else:
             now = {s.stage: s for s in first[name].steps} if name in first else {}  # of this run, too
             steps = [now.get(s.stage, s) for s in outcome.steps]
             outcomes[name] = replace(outcome, steps=steps, undrawn=plan.to_draw(name) != ())
             done(outcomes[name])
-            more = {}
-        if jumps and films and len(outcomes) < len(jobs) and len(outcomes | first) == len(jobs):
-            jumps(first | outcomes)
-            films.clear()
-        return more
+            unfilmed.discard(name)
+        if jumps and early and len(first) == len(left) and len(outcomes) < len(jobs):
+            if not (unfilmed and _compiles()):
+                jumps(first | outcomes)
+                early.clear()
+        return {name: left[name]} if tracked else {}
 
-    begin = {n: job._replace(plan=before) if n in films else job for n, job in _longest_first(left).items()}
+    begin = {n: job._replace(plan=before) if n in early else job for n, job in _longest_first(left).items()}
     _all(begin, workers, report)
     return [outcomes[n] for n in jobs]
 
@@ -129,6 +135,17 @@ def _longest_first(jobs: Mapping[str, Job]) -> dict[str, Job]:
     """Films first: the longest jobs must not start last."""
     films = {n: sum(hasattr(s, "frame_rate") for s in job.experiment.sections.values()) for n, job in jobs.items()}
     return {n: jobs[n] for n in sorted(jobs, key=lambda n: -films[n])}
+
+
+def _compiles() -> bool:
+    """Whether a process of this run has had to compile."""
+    given = notice()
+    return given is not None and not given.unsaid.exists()
+
+
+def _film_next(job: Job) -> bool:
+    """Whether a grain film is matched as soon as this is done."""
+    return job.plan.stages == TRACKED and job.filmed
 
 
 def _all(jobs: Mapping[str, Job], workers: int, report: Ended) -> None:
@@ -174,14 +191,15 @@ def _in_processes(
         try:
             while queue or under_way:
                 # one more than there are workers, so that none waits, except where a film is to come next
-                films = any(job.plan.stages == BEFORE_FILM for _, job in under_way.values())
+                films = any(_film_next(job) for _, job in under_way.values())
                 while queue and len(under_way) < workers + (not films):
                     name, job = queue.pop()
                     under_way[pool.submit(_run, *job)] = name, job
-                    films |= job.plan.stages == BEFORE_FILM
+                    films |= _film_next(job)
                 for future in wait(under_way, return_when=FIRST_COMPLETED).done:
-                    outcome = future.result()
-                    queue += (ended(under_way.pop(future)[0], outcome) or {}).items()
+                    outcome, (name, job) = future.result(), under_way.pop(future)
+                    more = (ended(name, outcome) or {}).items()
+                    queue = [*queue, *more] if _film_next(job) else [*more, *queue]
         except BrokenProcessPool:
             return [name for name, _ in under_way.values()]
         except KeyboardInterrupt:

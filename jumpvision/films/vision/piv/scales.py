@@ -101,7 +101,7 @@ def noise_factor(p: Array, sigma: Array, noise: Noise) -> float:
     by_window, by_vector = SEEN_WAVES.value
     halved = min(by_vector, noise.step / (by_window * noise.window))
     spread = _spread(noise, halved, along=True)
-    expected = float(scipy.stats.gamma.ppf(CALM_PLACES.value, 1 / spread)) * spread
+    expected = float(scipy.special.gammaincinv(1 / spread, CALM_PLACES.value)) * spread
     share = np.maximum(_around(known.astype(float), COMPARED), 1e-12)
     calm = []
     for down in (True, False):
