@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import subprocess
 import sys
 
 import pytest
 from fault_lab import grain_film, results_of, write_campaign
 
+from jumpvision.base.compiling import begins, noticed
 from jumpvision.cli import main
 from jumpvision.experiment.campaign.folder import run_folder
 from jumpvision.experiment.inputs.experiment import open_folder
@@ -117,6 +119,28 @@ def test_the_jumps_are_known_before_a_film_is_matched(tmp_path):
     assert RodMotion.load(whole.results).table.equals(rod)
     many.run_campaign(opened, plan, workers=2, done=lambda o: None, jumps=known)  # all is in the cache
     assert len(heard) == 1
+
+
+@pytest.mark.parametrize("compiles", [False, True])
+def test_tracks_are_told_before_anything_is_fitted_unless_code_is_compiled(tmp_path, compiles):
+    """Where it is, another process would compile what the fits do, too; then the jumps are told only beside films."""
+    campaign, results = write_campaign(tmp_path / "campaign", 3), tmp_path / "results"
+    heard, ended = [], []
+
+    def known(outcomes):
+        heard.append((len(ended), sorted(outcomes), {s.stage for o in outcomes.values() for s in o.steps}))
+        assert all(RodMotion.load(o.results).table.size for o in outcomes.values())
+
+    with noticed(print) if compiles else contextlib.nullcontext():
+        begins()
+        last = many.run_campaign(
+            open_folder(campaign), Plan(results, results / ".cache"), workers=2, done=ended.append, jumps=known
+        )
+    names = [o.name for o in last]
+    assert len(ended) == 3 and all({"rod", "fit", "doubts"} <= {s.stage for s in o.steps} for o in last)
+    assert compiles != bool(heard)
+    for told, tracked, stages in heard:
+        assert told < 3 and tracked == names and stages == {"rod"}
 
 
 def page_of(results) -> str:

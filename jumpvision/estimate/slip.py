@@ -99,8 +99,8 @@ class Played:
         return float(fine.fun), float(fine.x[0])
 
     def _nearest(self, here: float, there: float, clock: Array, y: Array) -> Array:
-        """The best of PACES and SHIFTS (2,), by every n-th sample: of a track that first moves at `here` [s], of a model
-        y at `clock` that does at `there`."""
+        """The best of PACES and SHIFTS (2,), by every n-th sample of the track, which first moves at `here` [s]; the
+        model, y at `clock`, at `there`."""
         every = max(1, self.t.size // COARSE)
         t, h = self.t[::every] - here, self.h[::every]
         tried = []

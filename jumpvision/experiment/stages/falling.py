@@ -53,8 +53,8 @@ def falling(motion: Motion, robot: Robot, name: str, *, after: float, hard: bool
 
 
 def _at_gravity(motion: Motion, robot: Robot, after: float, swing: float) -> bool:
-    """Whether flights that are found to a sample, one longer than a swing [s], fall at gravity already: where their ends
-    are does not matter then, and takes ten times as long."""
+    """Whether flights that are found to a sample, one longer than a swing [s], fall at gravity: where they end does not
+    matter then, and takes ten times as long."""
     late = motion.flights.only(motion.flights.lift_off > after)
     if not np.nanmax(late.time, initial=0.0) > swing:
         return False

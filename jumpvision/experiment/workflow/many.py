@@ -99,10 +99,10 @@ def _run_campaign(
             outcomes[name] = replace(outcome, steps=steps, undrawn=plan.to_draw(name) != ())
             done(outcomes[name])
             unfilmed.discard(name)
-        if jumps and early and len(first) == len(left) and len(outcomes) < len(jobs):
-            if not (unfilmed and _compiles()):
-                jumps(first | outcomes)
-                early.clear()
+        tracks = early and len(first) == len(left) and len(outcomes) < len(jobs)
+        if jumps and tracks and not (unfilmed and _compiles()):
+            jumps(first | outcomes)
+            early.clear()
         return {name: left[name]} if tracked else {}
 
     begin = {n: job._replace(plan=before) if n in early else job for n, job in _longest_first(left).items()}

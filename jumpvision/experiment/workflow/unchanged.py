@@ -10,6 +10,7 @@ import functools
 import hashlib
 import os
 import time
+from itertools import chain
 from pathlib import Path
 
 import jumpvision
@@ -43,12 +44,12 @@ def note(workspace: Workspace, key: str, told: Toml) -> None:
     """Note what became of an experiment whose results lie there whole."""
     results, at = workspace.results, time.time()  # before the first look at a file
     receipt = results / PROVENANCE
-    files = {**workspace.counted(), receipt: (stamp(receipt), sha256(receipt))}
+    files = chain(workspace.counted(), [(receipt, stamp(receipt), sha256(receipt))])
     foreign = {s.output.file for s in STAGES.values()} - workspace.outputs.keys()
     content = {
         "key": key,
         "recordings": {str(path): list(files) for path, files in workspace.recordings.items()},
-        "files": {str(f.absolute()): [*seen, digest] for f, (seen, digest) in files.items()},
+        "files": {os.path.abspath(f): (*seen, digest) for f, seen, digest in files},
         "foreign": sorted(foreign.difference(os.listdir(results))),
         "told": told,
     }

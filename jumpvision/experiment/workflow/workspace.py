@@ -14,8 +14,9 @@ import os
 import sys
 import time
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -87,7 +88,7 @@ class Workspace:
         self._failed: dict[type, Exception] = {}
         self._read: dict[Path, tuple[str, ...]] = {}  # recording -> its files, of a film of pictures 100,000
         self._published: dict[Path, Stamp] = {}
-        self._hashes: dict[str, tuple[str, Stamp]] = {}  # of files as they were hashed
+        self._hashes: dict[str, bytes] = {}  # of files as they were hashed, packed: there may be 100,000
 
     # -- what can be made ------------------------------------------------------------------------------------
 
@@ -369,18 +370,20 @@ class Workspace:
     @property
     def inputs(self) -> dict[str, str]:
         """SHA-256 of what was read, by its name in provenance.json."""
-        return {self._relative(f): self._hashes[f][0] for read in self._read.values() for f in read}
+        return {self._relative(f): unpacked(self._hashes[f])[0] for read in self._read.values() for f in read}
 
-    def counted(self) -> dict[Path, tuple[Stamp, str]]:
-        """Stamp and SHA-256 of what the results were made of and of themselves; of entries in the cache "" for it."""
-        files = {Path(f): self._hashes[f][::-1] for read in self._read.values() for f in read}
+    def counted(self) -> Iterator[tuple[str | Path, Stamp, str]]:
+        """(file, stamp, SHA-256) of what the results were made of and of themselves; of entries in the cache "" for
+        it."""
+        for f in chain(*self._read.values()):
+            digest, at = unpacked(self._hashes[f])
+            yield f, at, digest
         found = [(entries.place(self.cache, s.stage, s.key), s.files) for s in self.steps]
         nothing = [o for o, e in self._failed.items() if isinstance(e, NotApplicable)]
         found += [(entries.place(self.cache, STAGES[o].name, self.key(o)), {}) for o in nothing]
         for entry, outputs in found:
-            files |= {self.results / n: (self._published[self.results / n], digest) for n, digest in outputs.items()}
-            files |= {f: (stamp(f), "") for f in (entry / entries.RECEIPT, *(entry / n for n in outputs))}
-        return files
+            yield from ((self.results / n, self._published[self.results / n], digest) for n, digest in outputs.items())
+            yield from ((f, stamp(f), "") for f in (entry / entries.RECEIPT, *(entry / n for n in outputs)))
 
     def _relative(self, file: str) -> str:
         """A recording's name in provenance.json; whole where it lies on another drive."""
@@ -403,7 +406,7 @@ class Workspace:
             section = self.experiment.section(i.type) if issubclass(i.type, Section) else None
             files = self._read.get(getattr(section, "path", None), ())  # type: ignore[arg-type]
             for f in files if len(files) <= most else ():
-                digest, at = self._hashes[f]
+                digest, at = unpacked(self._hashes[f])
                 try:
                     same = stamp(f) == at or sha256(Path(f)) == digest
                 except OSError:
@@ -414,14 +417,15 @@ class Workspace:
     def _hash_file(self, path: Path) -> tuple[str, Stamp]:
         """SHA-256 of a file, remembered while its stamp stays, and the stamp."""
         at, name = stamp(path), str(path)
-        if name in self._hashes and self._hashes[name][1] == at:
-            return self._hashes[name]
+        if name in self._hashes and (kept := unpacked(self._hashes[name]))[1] == at:
+            return kept
         if not self.verify:
             try:
                 known = recall(self.cache, HASHES, path)
                 if tuple(known["stamp"]) == at:
-                    self._hashes[name] = str(known["sha256"]), at
-                    return self._hashes[name]
+                    digest = str(known["sha256"])
+                    self._hashes[name] = packed(digest, at)
+                    return digest, at
             except (OSError, ValueError):
                 pass
         for _ in range(ATTEMPTS):
@@ -434,5 +438,20 @@ class Workspace:
         if settled(at, time.time()):
             entries.mark(self.cache)
             remember(self.cache, HASHES, path, {"stamp": at, "sha256": digest})
-        self._hashes[name] = digest, at
+        self._hashes[name] = packed(digest, at)
         return digest, at
+
+
+NUMBER = 16  # bytes of one of a stamp: a file's number has as many on Windows
+
+
+def packed(digest: str, at: Stamp) -> bytes:
+    """A SHA-256 and a stamp in a third of the memory."""
+    return bytes.fromhex(digest) + b"".join(n.to_bytes(NUMBER, "little", signed=True) for n in at)
+
+
+def unpacked(both: bytes) -> tuple[str, Stamp]:
+    """What was `packed`."""
+    digest, at = both[:32], both[32:]
+    numbers = range(0, len(at), NUMBER)
+    return digest.hex(), tuple(int.from_bytes(at[k : k + NUMBER], "little", signed=True) for k in numbers)
