@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
@@ -114,13 +115,18 @@ class Progress:
         self.jobs, self.bar = jobs_of(campaign) if campaign else {}, None
         self.films: dict[str, Phase] = {}
         self.phase: Phase | None = None
+        self.begun = False  # any phase
         self.left = TimeLeft({}, workers)
+        self.lock = threading.RLock()  # the diagnosis speaks from a thread of its own while experiments end
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self._end()
+    def __exit__(self, error: type[BaseException] | None, *_: object) -> None:
+        if error is None:
+            self._end()
+        elif self.phase is not None:  # it is not done
+            self._wipe(self.phase)
         if self.bar is not None:
             self.bar.stop()
 
@@ -152,13 +158,16 @@ class Progress:
 
     def question(self, text: str) -> None:
         """A step of the diagnosis begins, or it has something to say."""
-        if self.phase is not None and self.phase.name == EXPERIMENTS and self.left.waiting:
-            line(f"{DIAGNOSIS}, beside the films: {text}")
-            return
-        if self.phase is None or self.phase.name != DIAGNOSIS:
-            self._begin(DIAGNOSIS, None)
-        assert self.phase is not None
-        line(f"{self._numbered(DIAGNOSIS)} ({spoken(self.phase.seconds)}): {text}")
+        with self.lock:
+            if self.phase is None and self.jobs and self.phases[:1] == (EXPERIMENTS,) and not self.begun:
+                self._jobs(EXPERIMENTS, self.jobs)  # none has ended yet
+            if self.phase is not None and self.phase.name == EXPERIMENTS and self.left.waiting:
+                line(f"{DIAGNOSIS}, beside them: {text}")
+                return
+            if self.phase is None or self.phase.name != DIAGNOSIS:
+                self._begin(DIAGNOSIS, None)
+            assert self.phase is not None
+            line(f"{self._numbered(DIAGNOSIS)} ({spoken(self.phase.seconds)}): {text}")
 
     def found(self, run: Run) -> None:
         """The verdict and the tables, before the pictures are drawn."""
@@ -176,9 +185,9 @@ class Progress:
         return f"[{self.phases.index(name) + 1}/{len(self.phases)}] {name}"
 
     def _job(self, name: str, outcome: Outcome, jobs: Mapping[str, Job]) -> None:
-        if self.phase is None or self.phase.name != name:
-            self._begin(name, len(jobs))
-            self.left = TimeLeft(jobs, self.workers)
+        with self.lock:
+            if self.phase is None or self.phase.name != name:
+                self._jobs(name, jobs)
         assert self.phase is not None
         if outcome.name in self.left.waiting:
             # what was kept from before takes no time, and tells nothing of the others
@@ -190,9 +199,13 @@ class Progress:
             line(f"{self._numbered(name)}: {outcome.name} failed")
         self._show(self.phase, len(jobs) - len(self.left.waiting), self.left.words)
 
+    def _jobs(self, name: str, jobs: Mapping[str, Job]) -> None:
+        self._begin(name, len(jobs))
+        self.left = TimeLeft(jobs, self.workers)
+
     def _begin(self, name: str, total: int | None) -> None:
         self._end()
-        self.phase = Phase(name, total)
+        self.phase, self.begun = Phase(name, total), True
 
     def _end(self) -> None:
         """The line of a phase that is over."""

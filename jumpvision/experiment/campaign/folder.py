@@ -7,9 +7,10 @@ import csv
 import functools
 import hashlib
 import io
+import threading
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -196,13 +197,20 @@ class _Early:
 
     def __init__(self, campaign: Campaign, workers: int, say: Callable[[str], None]) -> None:
         self.campaign, self.workers, self.say = campaign, workers, say
-        self.thread = ThreadPoolExecutor(1)
         self.look: Future[Begun] | None = None
 
     def __call__(self, outcomes: Mapping[str, Outcome]) -> None:
+        self.look = Future()
+        # a daemon: a run that is interrupted does not wait for it, as it would for an executor's
+        threading.Thread(target=self._begin, args=(self.look, outcomes), daemon=True).start()
+
+    def _begin(self, look: Future[Begun], outcomes: Mapping[str, Outcome]) -> None:
         from .diagnose import begin
 
-        self.look = self.thread.submit(begin, self.campaign, outcomes, workers=self.workers, say=self.say)
+        try:
+            look.set_result(begin(self.campaign, outcomes, workers=self.workers, say=self.say))
+        except Exception as e:
+            look.set_exception(e)
 
     def begun(self) -> Begun | None:
         """What came of it; None where it was not begun, or where nothing can be asked, as the question itself says."""
@@ -210,8 +218,6 @@ class _Early:
             return self.look.result() if self.look else None
         except ValueError:  # InputError among them
             return None
-        finally:
-            self.thread.shutdown()
 
 
 def _worth_asking(campaign: Campaign) -> bool:
