@@ -12,7 +12,7 @@ from typing import NamedTuple
 from jumpvision.base.compiling import notice
 from jumpvision.base.progress import ready, worker_pool
 from jumpvision.experiment.inputs.experiment import Campaign, Experiment
-from jumpvision.experiment.inputs.sections import GrainVideo
+from jumpvision.experiment.inputs.sections import GrainVideo, RodVideo
 
 from .run import Outcome, Plan, no_leftovers, run_experiment
 from .stage import modules
@@ -51,8 +51,8 @@ def run_campaign(
     """Every experiment, `workers` at a time; `done` is called as each one ends. Outcomes in the campaign's order.
 
     jumps: is called once, where several run at a time, with what is known when all tracks are: grain films, fits and
-    doubts take far longer. Where code has to be compiled, when only films are left: two processes that need the same
-    function would both compile it.
+    doubts take far longer. When only grain films are left, where code has to be compiled (two processes that need the
+    same function would both compile it) or tracks are found in films of the rod.
 
     Pictures are drawn only where all else is in the cache; `undrawn` says of an outcome that they are left to `draw`.
     elsewhere: the experiments were computed by others, with these failures by name; here they are only collected.
@@ -84,28 +84,31 @@ def _run_campaign(
 
     bare = replace(plan, drawn={})
     left = {n: job._replace(plan=bare) for n, job in jobs.items() if n not in outcomes}
-    early = {*left} if jumps and workers > 1 else set[str]()  # all, until it is told of them
-    unfilmed = {n for n, job in left.items() if not job.filmed}
-    before = replace(bare, stages=TRACKED, whole=False)
+    # where tracks have to be found in films that takes long, and each experiment is done when it has its own
+    quick = not any(job.experiment.section(RodVideo) for job in left.values() if not job.filmed)
+    early = {n for n, job in left.items() if quick or job.filmed} if jumps and workers > 1 else set[str]()
+    unknown, unfilmed = {*left}, {n for n, job in left.items() if not job.filmed}
+    tracks = replace(bare, stages=TRACKED, whole=False)
     first: dict[str, Outcome] = {}
 
     def report(name: str, outcome: Outcome) -> dict[str, Job]:
         tracked = name in early and name not in first
+        unknown.discard(name)
         if tracked:
             first[name] = outcome
         else:
-            now = {s.stage: s for s in first[name].steps} if name in first else {}  # of this run, too
-            steps = [now.get(s.stage, s) for s in outcome.steps]
-            outcomes[name] = replace(outcome, steps=steps, undrawn=plan.to_draw(name) != ())
+            before = first.get(name, Outcome(name, outcome.results))
+            now = {s.stage: s for s in before.steps}  # of this run, too
+            steps, seconds = [now.get(s.stage, s) for s in outcome.steps], before.seconds + outcome.seconds
+            outcomes[name] = replace(outcome, steps=steps, seconds=seconds, undrawn=plan.to_draw(name) != ())
             done(outcomes[name])
             unfilmed.discard(name)
-        tracks = early and len(first) == len(left) and len(outcomes) < len(jobs)
-        if jumps and tracks and not (unfilmed and _compiles()):
+        if jumps and early and not unknown and len(outcomes) < len(jobs) and not (unfilmed and _compiles()):
             jumps(first | outcomes)
             early.clear()
         return {name: left[name]} if tracked else {}
 
-    begin = {n: job._replace(plan=before) if n in early else job for n, job in _longest_first(left).items()}
+    begin = {n: job._replace(plan=tracks) if n in early else job for n, job in _longest_first(left).items()}
     _all(begin, workers, report)
     return [outcomes[n] for n in jobs]
 
