@@ -12,7 +12,7 @@ from typing import NamedTuple
 from jumpvision.base.compiling import notice
 from jumpvision.base.progress import ready, worker_pool
 from jumpvision.experiment.inputs.experiment import Campaign, Experiment
-from jumpvision.experiment.inputs.sections import GrainVideo, RodVideo
+from jumpvision.experiment.inputs.sections import GrainVideo, RodTrack, RodVideo
 
 from .run import Outcome, Plan, no_leftovers, run_experiment
 from .stage import modules
@@ -86,15 +86,16 @@ def _run_campaign(
     left = {n: job._replace(plan=bare) for n, job in jobs.items() if n not in outcomes}
     # where tracks have to be found in films that takes long, and each experiment is done when it has its own
     quick = not any(job.experiment.section(RodVideo) for job in left.values() if not job.filmed)
-    early = {n for n, job in left.items() if quick or job.filmed} if jumps and workers > 1 else set[str]()
+    tracked = {n for n, job in left.items() if job.filmed or (quick and job.experiment.section(RodTrack))}
+    early = tracked if jumps and workers > 1 else set[str]()  # tests of a spring or of the sand are done at once
     unknown, unfilmed = {*left}, {n for n, job in left.items() if not job.filmed}
     tracks = replace(bare, stages=TRACKED, whole=False)
     first: dict[str, Outcome] = {}
 
     def report(name: str, outcome: Outcome) -> dict[str, Job]:
-        tracked = name in early and name not in first
+        begins = name in early and name not in first
         unknown.discard(name)
-        if tracked:
+        if begins:
             first[name] = outcome
         else:
             before = first.get(name, Outcome(name, outcome.results))
@@ -106,7 +107,7 @@ def _run_campaign(
         if jumps and early and not unknown and len(outcomes) < len(jobs) and not (unfilmed and _compiles()):
             jumps(first | outcomes)
             early.clear()
-        return {name: left[name]} if tracked else {}
+        return {name: left[name]} if begins else {}
 
     begin = {n: job._replace(plan=tracks) if n in early else job for n, job in _longest_first(left).items()}
     _all(begin, workers, report)
