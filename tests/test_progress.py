@@ -92,7 +92,7 @@ def test_the_diagnosis_that_begins_beside_experiments_ends_no_phase(capsys, befo
         shown.question("trying 18 mechanisms")
     told = capsys.readouterr().err.splitlines()
     assert told == [
-        "diagnosis, beside them: fitting the baseline",
+        "diagnosis, while experiments are analysed: fitting the baseline",
         "[1/2] experiments: 25 done in 0 s",
         "[2/2] diagnosis (0 s): trying 18 mechanisms",
         "[2/2] diagnosis: done in 0 s",

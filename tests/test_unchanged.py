@@ -20,6 +20,7 @@ from jumpvision.experiment.inputs.experiment import open_experiment
 from jumpvision.experiment.results.summary import JumpRow, Summary, Uncertain
 from jumpvision.experiment.workflow import cache, run, unchanged
 from jumpvision.experiment.workflow.run import Plan, run_experiment
+from jumpvision.experiment.workflow.workspace import packed, unpacked
 
 PLAN = {"stages": None, "command": "jumpvision run"}
 
@@ -269,3 +270,10 @@ def test_the_table_of_jumps_is_that_of_pandas(made):
     assert write_jumps(rows, folder).read_text() == pd.DataFrame(cells, dtype=object).to_csv(
         index=False, lineterminator="\n"
     )
+
+
+@pytest.mark.parametrize("number", [0, 17, -1, 2**63, -(2**63), 2**128 - 1])
+def test_a_digest_and_a_stamp_come_back_as_they_were_packed(number):
+    """Dates before 1970 are negative, numbers of files on Windows have 128 bits."""
+    digest, at = storage.sha256(Path(__file__)), (4096, number, 10**18 + 1, number)
+    assert unpacked(packed(digest, at)) == (digest, at)

@@ -115,7 +115,7 @@ class Progress:
         self.jobs, self.bar = jobs_of(campaign) if campaign else {}, None
         self.films: dict[str, Phase] = {}
         self.phase: Phase | None = None
-        self.begun = False  # any phase
+        self.begun = False  # whether any phase has
         self.left = TimeLeft({}, workers)
         self.lock = threading.RLock()  # the diagnosis speaks from a thread of its own while experiments end
 
@@ -125,7 +125,7 @@ class Progress:
     def __exit__(self, error: type[BaseException] | None, *_: object) -> None:
         if error is None:
             self._end()
-        elif self.phase is not None:  # it is not done
+        elif self.phase is not None:  # interrupted: not to be reported as done
             self._wipe(self.phase)
         if self.bar is not None:
             self.bar.stop()
@@ -159,10 +159,10 @@ class Progress:
     def question(self, text: str) -> None:
         """A step of the diagnosis begins, or it has something to say."""
         with self.lock:
-            if self.phase is None and self.jobs and self.phases[:1] == (EXPERIMENTS,) and not self.begun:
-                self._jobs(EXPERIMENTS, self.jobs)  # none has ended yet
+            if self.jobs and not self.begun:  # no experiment has ended yet
+                self._jobs(EXPERIMENTS, self.jobs)
             if self.phase is not None and self.phase.name == EXPERIMENTS and self.left.waiting:
-                line(f"{DIAGNOSIS}, beside them: {text}")
+                line(f"{DIAGNOSIS}, while experiments are analysed: {text}")
                 return
             if self.phase is None or self.phase.name != DIAGNOSIS:
                 self._begin(DIAGNOSIS, None)
@@ -188,16 +188,16 @@ class Progress:
         with self.lock:
             if self.phase is None or self.phase.name != name:
                 self._jobs(name, jobs)
-        assert self.phase is not None
-        if outcome.name in self.left.waiting:
-            # what was kept from before takes no time, and tells nothing of the others
-            if outcome.computed or name == PICTURES:
-                self.left.ended(outcome.name, outcome.seconds)
-            else:
-                self.left.waiting.pop(outcome.name)
-        if outcome.errors and name == EXPERIMENTS:
-            line(f"{self._numbered(name)}: {outcome.name} failed")
-        self._show(self.phase, len(jobs) - len(self.left.waiting), self.left.words)
+            assert self.phase is not None
+            if outcome.name in self.left.waiting:
+                # what was kept from before takes no time, and tells nothing of the others
+                if outcome.computed or name == PICTURES:
+                    self.left.ended(outcome.name, outcome.seconds)
+                else:
+                    self.left.waiting.pop(outcome.name)
+            if outcome.errors and name == EXPERIMENTS:
+                line(f"{self._numbered(name)}: {outcome.name} failed")
+            self._show(self.phase, len(jobs) - len(self.left.waiting), self.left.words)
 
     def _jobs(self, name: str, jobs: Mapping[str, Job]) -> None:
         self._begin(name, len(jobs))

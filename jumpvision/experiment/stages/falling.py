@@ -12,6 +12,8 @@ from jumpvision.base.arrays import Array
 from jumpvision.base.schema import StageWarning
 from jumpvision.estimate.estimate import Estimate
 from jumpvision.estimate.flight import Flights, track_flights
+from jumpvision.estimate.flight.segments import LIKE
+from jumpvision.estimate.flight.track import TOLD
 from jumpvision.estimate.mean import weighted_mean
 from jumpvision.experiment.inputs.sections import Robot
 from jumpvision.jumper.physics.oscillator import foot_frequency, foot_ripple
@@ -26,7 +28,6 @@ SAME = 0.03  # of gravity, by which curvatures may differ: friction and air
 OTHERS = (0.7, 0.8, 0.9, 1.1, 1.2, 1.3)  # of gravity, at which flights are looked for where few fall at it
 MANY, ENOUGH_OF_IT = 0.2, 0.25  # of the time after the motor stops, in flight
 SHARP = 0.01  # of gravity: an uncertainty of a curvature that outdoes that of flights found in the track
-ALIKE = 0.005  # of gravity: what lens, air, friction and tilt make of a curvature
 
 
 def falling(motion: Motion, robot: Robot, name: str, *, after: float, hard: bool) -> Iterator[StageWarning]:
@@ -53,13 +54,13 @@ def falling(motion: Motion, robot: Robot, name: str, *, after: float, hard: bool
 
 
 def _at_gravity(motion: Motion, robot: Robot, after: float, swing: float) -> bool:
-    """Whether flights that are found to a sample, one longer than a swing [s], fall at gravity: where they end does not
-    matter then, and takes ten times as long."""
+    """Whether flights that are found to a sample, one longer than a swing [s], fall at gravity, so near that two sigmas
+    off `track_flights` would not doubt it either: to fit where they end takes ten times as long."""
     late = motion.flights.only(motion.flights.lift_off > after)
     if not np.nanmax(late.time, initial=0.0) > swing:
         return False
     found, g = curvature(motion, late, hanging_foot(robot), after), robot.gravity
-    return found.sigma < SHARP * g and abs(found.value - g) < max(ALIKE * g, found.sigma)
+    return abs(found.value - g) + 2.0 * found.sigma < TOLD * LIKE * g
 
 
 def falls_otherwise(motion: Motion, name: str, after: float) -> Iterator[StageWarning]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -84,18 +85,19 @@ def _run_campaign(
 
     bare = replace(plan, drawn={})
     left = {n: job._replace(plan=bare) for n, job in jobs.items() if n not in outcomes}
-    # where tracks have to be found in films that takes long, and each experiment is done when it has its own
+    # Their tracks first; not where these have to be found in films, which takes long: each experiment is then done when
+    # it has its own. Tests of a spring or of the sand are done at once.
     quick = not any(job.experiment.section(RodVideo) for job in left.values() if not job.filmed)
     tracked = {n for n, job in left.items() if job.filmed or (quick and job.experiment.section(RodTrack))}
-    early = tracked if jumps and workers > 1 else set[str]()  # tests of a spring or of the sand are done at once
+    early = tracked if jumps and workers > 1 else set[str]()
     unknown, unfilmed = {*left}, {n for n, job in left.items() if not job.filmed}
     tracks = replace(bare, stages=TRACKED, whole=False)
     first: dict[str, Outcome] = {}
 
     def report(name: str, outcome: Outcome) -> dict[str, Job]:
-        begins = name in early and name not in first
+        track_only = name in early and name not in first
         unknown.discard(name)
-        if begins:
+        if track_only:
             first[name] = outcome
         else:
             before = first.get(name, Outcome(name, outcome.results))
@@ -107,7 +109,7 @@ def _run_campaign(
         if jumps and early and not unknown and len(outcomes) < len(jobs) and not (unfilmed and _compiles()):
             jumps(first | outcomes)
             early.clear()
-        return {name: left[name]} if begins else {}
+        return {name: left[name]} if track_only else {}
 
     begin = {n: job._replace(plan=tracks) if n in early else job for n, job in _longest_first(left).items()}
     _all(begin, workers, report)
@@ -189,7 +191,7 @@ def _in_processes(
 ) -> list[str]:
     """Jobs by name, `workers` at a time; [] when all are done, or the names under way when a worker process died."""
     prepare(next(iter(jobs.values())).plan)
-    queue = list(jobs.items())[::-1]
+    queue = deque([*jobs.items()][::-1])
     under_way: dict[Future[Outcome], tuple[str, Job]] = {}
     with worker_pool(workers) as pool:
         try:
@@ -203,7 +205,7 @@ def _in_processes(
                 for future in wait(under_way, return_when=FIRST_COMPLETED).done:
                     outcome, (name, job) = future.result(), under_way.pop(future)
                     more = (ended(name, outcome) or {}).items()
-                    queue = [*queue, *more] if _film_next(job) else [*more, *queue]
+                    (queue.extend if _film_next(job) else queue.extendleft)(more)
         except BrokenProcessPool:
             return [name for name, _ in under_way.values()]
         except KeyboardInterrupt:

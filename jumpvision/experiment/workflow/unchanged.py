@@ -49,7 +49,7 @@ def note(workspace: Workspace, key: str, told: Toml) -> None:
     content = {
         "key": key,
         "recordings": {str(path): list(files) for path, files in workspace.recordings.items()},
-        "files": {os.path.abspath(f): (*seen, digest) for f, seen, digest in files},
+        "files": {str(Path(f).absolute()): (*seen, digest) for f, seen, digest in files},
         "foreign": sorted(foreign.difference(os.listdir(results))),
         "told": told,
     }

@@ -370,7 +370,7 @@ class Workspace:
     @property
     def inputs(self) -> dict[str, str]:
         """SHA-256 of what was read, by its name in provenance.json."""
-        return {self._relative(f): unpacked(self._hashes[f])[0] for read in self._read.values() for f in read}
+        return {self._relative(f): unpacked(self._hashes[f])[0] for f in chain(*self._read.values())}
 
     def counted(self) -> Iterator[tuple[str | Path, Stamp, str]]:
         """(file, stamp, SHA-256) of what the results were made of and of themselves; of entries in the cache "" for
@@ -442,11 +442,11 @@ class Workspace:
         return digest, at
 
 
-NUMBER = 16  # bytes of one of a stamp: a file's number has as many on Windows
+NUMBER = 17  # bytes of one number of a stamp: what identifies a file on Windows has 128 bits, dates have a sign
 
 
 def packed(digest: str, at: Stamp) -> bytes:
-    """A SHA-256 and a stamp in a third of the memory."""
+    """SHA-256 and stamp as bytes, which take a third of the memory of text and numbers."""
     return bytes.fromhex(digest) + b"".join(n.to_bytes(NUMBER, "little", signed=True) for n in at)
 
 
