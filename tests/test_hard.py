@@ -13,10 +13,10 @@ import pytest
 from scipy.integrate import simpson, solve_ivp
 from scipy.interpolate import CubicSpline
 
-from jumpvision.jumper.physics.forcing import Segments, Spline, delayed, sincos, sinusoid
+from jumpvision.jumper.physics.forcing import Segments, Spline, delayed, exp_near, sincos, sinusoid
 from jumpvision.jumper.physics.hard.arc import GAMMA, JERK, KIND, W2, evaluate, make_arc
-from jumpvision.jumper.physics.hard.flow import safe_step
-from jumpvision.jumper.physics.hard.jump import hard_jump, hard_map, hard_sweep
+from jumpvision.jumper.physics.hard.jump import hard_jump, hard_map, hard_sweep, sine_rows
+from jumpvision.jumper.physics.hard.lanes import first_guess, nearer
 
 THESIS = {
     "motor_mass": 1.003,
@@ -262,7 +262,8 @@ def test_a_step_stays_below_the_third_derivative_and_before_the_first_root():
         piece = np.array([0.0, 10 / w0, *cubic, 10 ** rng.uniform(-2, 1), om, rng.uniform(0, 6)])
         tau, state = rng.uniform(0, 9 / w0), (rng.normal(), w0 * rng.normal())
         g = rng.uniform(0.1, 1) * w0**2
-        arc = make_arc(i % 5 > 0, piece, tau, 10 / w0 - tau, *state, q, g, w0**2, gam)
+        turn = sincos(piece[7] * tau + piece[8])
+        arc = make_arc(i % 5 > 0, piece, tau, 10 / w0 - tau, turn, *state, q, g, w0**2, gam)
         kinds.add(arc[KIND])
         s = np.linspace(0, 10 / w0 - tau, 300)
         _, v, a, _, _, _, motor_jerk = np.array([evaluate(arc, r, q, g) for r in s]).T
@@ -283,7 +284,12 @@ def test_a_step_stays_below_the_third_derivative_and_before_the_first_root():
         first = np.min(roots[(np.abs(roots.imag) < 1e-9) & (roots.real > 0)].real)
         cap = first * 10 ** rng.uniform(-1, 1.5)
         # np.roots itself is right to about 1e-7 where two roots all but meet
-        assert safe_step(f, f1, f2, j, cap) == pytest.approx(min(first, cap), rel=1e-5)
+        step, going = first_guess(f, f1, f2, j, cap)
+        for _ in range(100):
+            if not going:
+                break
+            step, going = nearer(f, f1, f2, j, step)
+        assert min(step, cap) == pytest.approx(min(first, cap), rel=1e-5)
 
 
 def test_sine_and_cosine_are_right_to_rounding():
@@ -293,6 +299,42 @@ def test_sine_and_cosine_are_right_to_rounding():
     got = np.array([sincos(v) for v in x]).T
     # an ulp below 1 is 1.1e-16: ours may err by 0.8 of it, numpy's by as much
     np.testing.assert_allclose(got, [np.sin(x), np.cos(x)], rtol=0, atol=1.8e-16)
+
+
+def test_a_jump_is_the_same_alone_and_beside_others():
+    # jumps are followed several at a time: near resonance, over-damped, with a phase of many turns and as usual
+    rng = np.random.default_rng(12)
+    n = 90
+    mass, w0 = 10 ** rng.uniform(-1, 1, n), 10 ** rng.uniform(0.5, 2, n)
+    robots = {
+        "motor_mass": mass,
+        "rod_mass": mass * rng.uniform(0.05, 0.5, n),
+        "stiffness": 1.3 * mass * w0**2,
+        "damping": 2 * 1.3 * mass * w0 * rng.choice([0.0, 1e-5, 0.01, 1.0, 2.0], n),
+        "gravity": rng.uniform(1, 10, n),
+        "landing_loss": rng.choice([0.0, 0.3], n),
+    }
+    f = np.sqrt(robots["stiffness"] / (robots["motor_mass"] + robots["rod_mass"])) / (2 * np.pi)
+    f *= np.where(rng.random(n) < 0.2, 1.0, rng.uniform(0.3, 2.0, n))
+    amplitude = robots["gravity"] / (2 * np.pi * f) ** 2 * 10 ** rng.uniform(-0.5, 1, n)
+    phase = rng.uniform(0, 6, n) + np.where(rng.random(n) < 0.1, 1e6, 0.0)
+    laws = sine_rows(f, amplitude, phase, rng.choice([0.5, 1.0, 3.0], n))
+    both = hard_sweep(laws, **robots)
+    for i in range(n):
+        alone = hard_sweep(laws[i : i + 1], **{name: v[i : i + 1] for name, v in robots.items()})
+        for name, v in alone.items():
+            np.testing.assert_array_equal(v[0], both[name][i], err_msg=name)
+
+
+def test_the_exponential_is_right_to_rounding():
+    rng = np.random.default_rng(10)
+    halves = -np.arange(1, 400) * np.log(2) / 2  # where the fraction changes over
+    x = -np.r_[0.0, rng.uniform(0, 700, 20000), 10 ** rng.uniform(-9, 2, 20000)]
+    x = np.r_[x, halves, halves * (1 + 1e-15)]
+    got = np.array([exp_near(v) for v in x])
+    # an ulp is at most 2.2e-16 of the number: ours may err by one of them, numpy's by half of one
+    np.testing.assert_allclose(got, np.exp(x), rtol=3.4e-16)
+    assert 0.0 <= exp_near(-1e9) < 1e-300
 
 
 def test_no_contact_is_missed_however_short():

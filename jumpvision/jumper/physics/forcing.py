@@ -103,6 +103,22 @@ def sincos_near(x: float) -> tuple[float, float]:
 
 
 @nb.njit(**INLINE)
+def exp_near(x: float) -> float:
+    """exp x for x <= 0 to an ulp (at least 1e-308), without a branch.
+
+    x less the nearest multiple of ln 2 (in two parts), then the fraction of Cephes' exp.c.
+    """
+    x = max(x, -708.0)
+    n = np.floor(x * 1.4426950408889634 + 0.5)
+    r = (x - n * 6.93145751953125e-1) - n * 1.42860682030941723212e-6
+    z = r * r
+    p = r * (1.0 + z * (3.02994407707441961300e-2 + z * 1.26177193074810590878e-4))
+    q = 2.27265548208155028766e-1 + z * (2.52448340349684104192e-3 + z * 3.00198505138664455042e-6)
+    e = 1.0 + 2.0 * p / (2.0 + z * q - p)
+    return e * np.int64((np.int64(np.int32(n)) + 1023) << 52).view(np.float64)
+
+
+@nb.njit(**INLINE)
 def segment_xv(row: Array, t: float) -> tuple[float, float]:
     """X_m, V of one segment row at time t (not checked to lie inside)."""
     sin, cos = sincos(row[4] * (t - row[0]) + row[5])

@@ -16,7 +16,7 @@ import math
 import numba as nb
 
 from jumpvision.base.arrays import Array
-from jumpvision.jumper.physics.forcing import INLINE, KERNEL, sincos
+from jumpvision.jumper.physics.forcing import INLINE, KERNEL, NEAR, exp_near, sincos, sincos_near
 
 Arc = tuple[float, ...]
 
@@ -26,7 +26,7 @@ KIND, W2, GAMMA, OMEGA_D, P0, P1, P2, P3, PS, PC, HA, HB, D0, D1, D2, D3, AMP, O
 
 # Nearer to resonance than this (|i omega - lambda| / w0: springs almost undamped) the particular solution grows as the
 # inverse and cancels against the homogeneous one; the RESONANT form has no such difference.
-NEAR = 1e-3
+RESONANCE = 1e-3
 
 # all INLINE: an arc handed over in memory costs more than its evaluation
 
@@ -37,6 +37,7 @@ def make_arc(
     piece: Array | tuple[float, ...],
     tau: float,
     length: float,
+    turn: tuple[float, float],
     x: float,
     v: float,
     q: float,
@@ -46,7 +47,8 @@ def make_arc(
 ) -> Arc:
     """The arc that leaves (x [m], v [m/s]) at time tau into a forcing piece and lasts at most `length` [s].
 
-    piece: (9,) columns t0, t1, d0, d1, d2, d3, A, omega, phase. w2 = k/M, gam = c/(2 M).
+    piece: (9,) columns t0, t1, d0, d1, d2, d3, A, omega, phase; turn: sin and cos of omega tau + phase. w2 = k/M,
+    gam = c/(2 M).
     JERK bounds |x'''| on the arc: the homogeneous part by its energy, which only falls, the rest by its amplitude.
     """
     d3 = piece[5]
@@ -55,7 +57,7 @@ def make_arc(
     d0 = piece[2] + (piece[3] + (piece[4] + d3 * tau) * tau) * tau
     amp, om = piece[6], piece[7]
     ph = piece[8] + om * tau
-    sin, cos = sincos(ph) if amp != 0.0 else (0.0, 0.0)
+    sin, cos = turn
     if not grounded:
         qa = q * amp
         jerk = 6.0 * abs(q * d3) + abs(qa) * om**3
@@ -63,7 +65,7 @@ def make_arc(
             AIR,
             0.0,
             0.0,
-            0.0,
+            1.0,
             x + qa * sin,
             v + qa * om * cos,
             -0.5 * g - q * d2,
@@ -87,7 +89,7 @@ def make_arc(
     p1 = -6.0 * q * d3 / w2
     p0 = (-g - 2.0 * q * d2 - 2.0 * gam * p1) / w2
     push = q * amp * om * om
-    if push != 0.0 and kind == UNDER and gam * gam + (om - om_d) * (om - om_d) < NEAR * NEAR * w2:
+    if push != 0.0 and kind == UNDER and gam * gam + (om - om_d) * (om - om_d) < RESONANCE * RESONANCE * w2:
         kind, ps, pc = RESONANT, push, 0.0
         xh, vh = x - p0, v - p1
         w0 = math.sqrt(w2)
@@ -129,17 +131,51 @@ def _resonant(arc: Arc, s: float) -> tuple[float, float]:
 
 
 @nb.njit(**INLINE)
+def is_odd(arc: Arc, longest: float) -> bool:
+    """Whether `rod_near` does not know the arc for as long as that [s]."""
+    turned = abs(arc[PHASE]) + max(arc[OMEGA], arc[OMEGA_D]) * longest
+    return arc[KIND] > UNDER or not turned < NEAR
+
+
+@nb.njit(**INLINE)
+def rod_near(arc: Arc, s: float, sin: float, cos: float) -> tuple[float, float]:
+    """x [m] and x' [m/s] at s of an arc that is not odd, without a branch; sin and cos of omega s + phase."""
+    x, v = _particular(arc, s, sin, cos)
+    decay = exp_near(-arc[GAMMA] * s)
+    sn, c = sincos_near(arc[OMEGA_D] * s)
+    return _with_free(arc, x, v, decay * c, decay * sn / arc[OMEGA_D])
+
+
+@nb.njit(**INLINE)
+def _particular(arc: Arc, s: float, sin: float, cos: float) -> tuple[float, float]:
+    om = arc[OMEGA]
+    x = ((arc[P3] * s + arc[P2]) * s + arc[P1]) * s + arc[P0] + (arc[PS] * sin + arc[PC] * cos)
+    v = (3.0 * arc[P3] * s + 2.0 * arc[P2]) * s + arc[P1] + om * (arc[PS] * cos - arc[PC] * sin)
+    return x, v
+
+
+@nb.njit(**INLINE)
+def _with_free(arc: Arc, x: float, v: float, c: float, sn: float) -> tuple[float, float]:
+    """x and v with the free motion, C = c and S = sn: (a C + b S)' with b = v + gamma a, C' = -gamma C - Omega^2 S,
+    S' = C - gamma S."""
+    gam = arc[GAMMA]
+    x += arc[HA] * c + arc[HB] * sn
+    v += (arc[HB] - gam * arc[HA]) * c - (gam * arc[HB] + (arc[W2] - gam * gam) * arc[HA]) * sn
+    return x, v
+
+
+@nb.njit(**INLINE)
 def rod(arc: Arc, s: float, sin: float, cos: float) -> tuple[float, float]:
     """x [m] and x' [m/s] at s; sin and cos of omega s + phase."""
-    om, gam = arc[OMEGA], arc[GAMMA]
-    x = ((arc[P3] * s + arc[P2]) * s + arc[P1]) * s + arc[P0]
-    v = (3.0 * arc[P3] * s + 2.0 * arc[P2]) * s + arc[P1]
+    if not is_odd(arc, s):
+        return rod_near(arc, s, sin, cos)
+    gam = arc[GAMMA]
     if arc[KIND] == RESONANT:
+        x, v = _particular(arc, s, 0.0, 0.0)
         xr, vr = _resonant(arc, s)
         x, v = x + xr, v + vr
     else:
-        x += arc[PS] * sin + arc[PC] * cos
-        v += om * (arc[PS] * cos - arc[PC] * sin)
+        x, v = _particular(arc, s, sin, cos)
     if arc[KIND] == AIR:
         return x, v
     if arc[KIND] == OVER:  # C = cosh, S = sinh / kappa, written without large exponentials
@@ -151,26 +187,29 @@ def rod(arc: Arc, s: float, sin: float, cos: float) -> tuple[float, float]:
         decay = math.exp(-gam * s)
         sn, c = sincos(arc[OMEGA_D] * s)
         c, sn = decay * c, decay * sn / arc[OMEGA_D]
-    # (a C + b S)' with b = v + gamma a: C' = -gamma C - Omega^2 S, S' = C - gamma S
-    x += arc[HA] * c + arc[HB] * sn
-    v += (arc[HB] - gam * arc[HA]) * c - (gam * arc[HB] + (arc[W2] - gam * gam) * arc[HA]) * sn
-    return x, v
+    return _with_free(arc, x, v, c, sn)
 
 
 @nb.njit(**INLINE)
-def drive(arc: Arc, s: float) -> tuple[float, float, float, float, float, float]:
-    """X, X', X'', X''' of the motor at s, then sin and cos of omega s + phase."""
+def motor_at(arc: Arc, s: float, sin: float, cos: float) -> tuple[float, float, float, float]:
+    """X, X', X'', X''' of the motor at s; sin and cos of omega s + phase."""
     om, w = arc[OMEGA], arc[AMP]
-    sin, cos = sincos(om * s + arc[PHASE]) if w != 0.0 else (0.0, 0.0)
     mx = ((arc[D3] * s + arc[D2]) * s + arc[D1]) * s + arc[D0] + w * sin
     mv = (3.0 * arc[D3] * s + 2.0 * arc[D2]) * s + arc[D1] + w * om * cos
     ma = 6.0 * arc[D3] * s + 2.0 * arc[D2] - w * om * om * sin
-    return mx, mv, ma, 6.0 * arc[D3] - w * om * om * om * cos, sin, cos
+    return mx, mv, ma, 6.0 * arc[D3] - w * om * om * om * cos
+
+
+@nb.njit(**INLINE)
+def acceleration(arc: Arc, x: float, v: float, ma: float, q: float, g: float) -> float:
+    """x'' from the equation of motion; ma = X''."""
+    return -g - q * ma - 2.0 * arc[GAMMA] * v - arc[W2] * x
 
 
 @nb.njit(**INLINE)
 def evaluate(arc: Arc, s: float, q: float, g: float) -> tuple[float, float, float, float, float, float, float]:
-    """x, x', x'' of the rod and X, X', X'', X''' of the motor at s. x'' comes from the equation of motion."""
-    mx, mv, ma, mj, sin, cos = drive(arc, s)
+    """x, x', x'' of the rod and X, X', X'', X''' of the motor at s."""
+    sin, cos = sincos(arc[OMEGA] * s + arc[PHASE]) if arc[AMP] != 0.0 else (0.0, 0.0)
+    mx, mv, ma, mj = motor_at(arc, s, sin, cos)
     x, v = rod(arc, s, sin, cos)
-    return x, v, -g - q * ma - 2.0 * arc[GAMMA] * v - arc[W2] * x, mx, mv, ma, mj
+    return x, v, acceleration(arc, x, v, ma, q, g), mx, mv, ma, mj

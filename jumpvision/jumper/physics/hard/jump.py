@@ -1,7 +1,7 @@
 """Exact jumps on hard ground (docs/physics.md section 2, m_f = 0): one jump in full, or the results of millions.
 
-Between lift-offs and landings the flow is linear and known in closed form (hard_arc); only event times are iterated
-(hard_flow). Velocity steps of the law are impulses: the centre of mass y = x_r + (m_m/M) X_m and its velocity do not
+Between lift-offs and landings the flow is linear and known in closed form (`arc`); only event times are iterated
+(`lanes`, `flow`). Velocity steps of the law are impulses: the centre of mass y = x_r + (m_m/M) X_m and its velocity do not
 jump, the rod's velocity jumps by -(m_m/M) times the step.
 """
 
@@ -21,7 +21,7 @@ from jumpvision.jumper.physics.forcing import KERNEL, Forcing, Segments
 from jumpvision.jumper.physics.oscillator import natural_frequency
 
 from .arc import AIR, ARC_SIZE, KIND, evaluate
-from .flow import follow_jump, motor, row
+from .flow import RAW, follow_jumps, motor
 
 # name: unit, lowest, whether the lowest itself is allowed
 RANGES = {
@@ -134,7 +134,7 @@ def hard_jump(
 
     motor_mass, rod_mass [kg]; stiffness [N/m]; damping [N s/m]; gravity [m/s^2] along the rail; landing_loss: e in
     v_r -> sqrt(1 - e) v_r at touchdown; t: (n,) [s], at most t_end, times of the returned motion (None: none);
-    t_end [s], not before the forcing ends. Grazing contacts and Zeno: see hard_flow. ValueError for a bad argument.
+    t_end [s], not before the forcing ends. Grazing contacts and Zeno: see `flow`. ValueError for a bad argument.
     """
     robot = {
         "motor_mass": motor_mass,
@@ -147,7 +147,7 @@ def hard_jump(
     for name, value in robot.items():
         _check(name, value)
     pieces = _pieces(forcing)
-    stop = pieces[-2, 1]
+    stop = pieces[-1, 1]
     if not stop <= t_end < math.inf:
         raise ValueError(f"t_end = {t_end} must be finite and not before the forcing ends, {stop:g} s")
     times = np.atleast_1d(np.asarray([] if t is None else t, dtype=float))
@@ -156,19 +156,20 @@ def hard_jump(
 
     mass = motor_mass + rod_mass
     q, w2, gam = motor_mass / mass, stiffness / mass, damping / (2.0 * mass)
-    size = 64 + 8 * len(pieces)
+    values = np.array(list(robot.values()))[:, None]
+    size, out = 64 + 8 * len(pieces), np.empty((RAW, 1))
     while True:
-        rows, flights = np.empty((size, 2 + ARC_SIZE)), np.empty((size, 2))
-        n_arcs, n_flights, n_jumps, _, com, rod, longest, power, force, airborne = follow_jump(
-            pieces, q, gravity, w2, gam, math.sqrt(1.0 - landing_loss), t_end, rows, flights
-        )
+        rows, flights = np.empty((size, 1 + ARC_SIZE)), np.empty((size, 2))
+        follow_jumps(0, 1, pieces[None], values, t_end, rows, flights, out)
+        n_arcs, n_flights, n_jumps = out[:3, 0].astype(int)
         if n_arcs <= size:
             break
         size = n_arcs
+    _, com, rod, longest, power, force, airborne = out[3:, 0].tolist()
     flights = flights[:n_flights]
     x, v, x_motor, f_s = _sample(rows[:n_arcs], pieces[0], times, q, gravity, w2, gam)
     cut = airborne and longest == 0.0
-    step_in, step_out = motor(pieces[0], 0.0)[1], motor(pieces[-2], stop - pieces[-2, 0])[1]
+    step_in, step_out = motor(pieces[0], 0.0)[1], motor(pieces[-1], stop - pieces[-1, 0])[1]
     reduced = motor_mass * rod_mass / mass
     return HardMotion(
         t=times,
@@ -184,7 +185,7 @@ def hard_jump(
         flight_height=math.nan if cut else gravity * longest**2 / 8.0,
         peak_power_W=motor_mass * power,
         peak_force_N=motor_mass * force,
-        peak_motor_speed=_peak_speed(pieces, len(pieces) - 1),
+        peak_motor_speed=max(_peak_speed(tuple(p)) for p in pieces.tolist()),
         impulse_work_J=(0.5 * reduced * step_in**2, -0.5 * reduced * step_out**2),
     )
 
@@ -299,37 +300,34 @@ def _check_rows(rows: Array) -> None:
 
 
 def _pieces(forcing: Forcing) -> Array:
-    """The (n, 9) rows of hard_arc.make_arc, and one for follow_jump to fill in."""
+    """The (n, 9) rows of arc.make_arc."""
     if isinstance(forcing, Segments):
         rows = np.asarray(forcing.rows, float)
         _check_rows(rows)
-        out = np.zeros((len(rows) + 1, 9))
-        out[:-1, [0, 1, 2, 6, 7, 8]] = rows
+        out = np.zeros((len(rows), 9))
+        out[:, [0, 1, 2, 6, 7, 8]] = rows
     else:
         if not (
             np.isfinite(forcing.c).all() and np.isfinite(forcing.knots).all() and np.all(np.diff(forcing.knots) > 0)
         ):
             raise ValueError("forcing: the spline must be finite, its knots increasing")
-        out = np.zeros((forcing.c.shape[1] + 1, 9))
-        out[:-1, 0], out[:-1, 1] = forcing.knots[:-1], forcing.knots[1:]
-        out[:-1, 2:6] = forcing.c[::-1].T
-    out[:-2, 1] = out[1:-1, 0]
+        out = np.zeros((forcing.c.shape[1], 9))
+        out[:, 0], out[:, 1] = forcing.knots[:-1], forcing.knots[1:]
+        out[:, 2:6] = forcing.c[::-1].T
+    out[:-1, 1] = out[1:, 0]
     return out
 
 
 @nb.njit(**KERNEL)
-def _peak_speed(pieces: Array, n: int) -> float:
-    """Greatest |X_m'| [m/s] of the first n pieces; each is a sinusoid or a cubic."""
-    peak = 0.0
-    for i in range(n):
-        p = row(pieces, i)
-        length = p[1] - p[0]
-        if math.floor((p[7] * length + p[8]) / math.pi) >= math.ceil(p[8] / math.pi):  # |cos| = 1 inside
-            peak = max(peak, p[6] * p[7])
-        if peak < p[6] * p[7] + abs(p[3]) or p[4] != 0.0 or p[5] != 0.0:
-            peak = max(peak, abs(motor(p, 0.0)[1]), abs(motor(p, length)[1]))
-        if p[5] != 0.0 and 0.0 < -p[4] / (3.0 * p[5]) < length:  # a crest of the parabola
-            peak = max(peak, abs(p[3] - p[4] * p[4] / (3.0 * p[5])))
+def _peak_speed(p: tuple[float, ...]) -> float:
+    """Greatest |X_m'| [m/s] of a piece, a sinusoid or a cubic."""
+    peak, length = 0.0, p[1] - p[0]
+    if math.floor((p[7] * length + p[8]) / math.pi) >= math.ceil(p[8] / math.pi):  # |cos| = 1 inside
+        peak = p[6] * p[7]
+    if peak < p[6] * p[7] + abs(p[3]) or p[4] != 0.0 or p[5] != 0.0:
+        peak = max(peak, abs(motor(p, 0.0)[1]), abs(motor(p, length)[1]))
+    if p[5] != 0.0 and 0.0 < -p[4] / (3.0 * p[5]) < length:  # a crest of the parabola
+        peak = max(peak, abs(p[3] - p[4] * p[4] / (3.0 * p[5])))
     return peak
 
 
@@ -345,26 +343,25 @@ def _sample(
             xm[i] = x[i] + (piece[2] + piece[6] * math.sin(piece[8]))  # not fused: zero where the law starts at zero
             continue
         row = rows[np.searchsorted(rows[:, 0], t[i], side="right") - 1]
-        x[i], v[i], _, mx, _, _, _ = evaluate(row[2:], t[i] - row[0], q, g)
+        x[i], v[i], _, mx, _, _, _ = evaluate(row[1:], t[i] - row[0], q, g)
         xm[i] = x[i] + mx
-        f[i] = 0.0 if row[2 + KIND] == AIR else -w2 * x[i] - 2.0 * gam * v[i]
+        f[i] = 0.0 if row[1 + KIND] == AIR else -w2 * x[i] - 2.0 * gam * v[i]
     return x, v, xm, f
 
 
 @shared(**KERNEL)
 def _sweep(first: int, last: int, laws: Array, robots: Array, out: Array) -> None:
     """hard_sweep, flat: laws (n, r, 6), robots (6, n or 1) in the order of its arguments, out (8, n) as RESULTS."""
-    pieces, none = np.zeros((laws.shape[1] + 1, 9)), np.empty((0, 2))
+    none, raw = np.empty((0, 2)), np.empty((RAW, last - first))
+    follow_jumps(first, last, laws, robots, math.inf, none, none, raw)
     for i in range(first, last):
         j = min(i, robots.shape[1] - 1)
-        motor_mass, k, c, g, loss = robots[0, j], robots[2, j], robots[3, j], robots[4, j], robots[5, j]
-        mass = motor_mass + robots[1, j]
+        motor_mass, g = robots[0, j], robots[4, j]
+        k = i - first
+        out[0, i], out[1, i], out[2, i], out[3, i] = raw[4, k], g * raw[6, k] ** 2 / 8.0, raw[5, k], raw[2, k]
+        out[4, i], out[5, i], out[6, i] = raw[3, k] - laws[i, 0, 0], motor_mass * raw[7, k], motor_mass * raw[8, k]
+        peak = 0.0
         for r in range(laws.shape[1]):
-            for column in range(3):
-                pieces[r, column], pieces[r, 6 + column] = laws[i, r, column], laws[i, r, 3 + column]
-        _, _, n_jumps, lifted, com, rod, longest, power, force, _ = follow_jump(
-            pieces, motor_mass / mass, g, k / mass, 0.5 * c / mass, math.sqrt(1.0 - loss), math.inf, none, none
-        )
-        out[0, i], out[1, i], out[2, i], out[3, i] = com, g * longest * longest / 8.0, rod, n_jumps
-        out[4, i], out[5, i], out[6, i] = lifted - laws[i, 0, 0], motor_mass * power, motor_mass * force
-        out[7, i] = _peak_speed(pieces, laws.shape[1])
+            law = laws[i, r]
+            peak = max(peak, _peak_speed((law[0], law[1], law[2], 0.0, 0.0, 0.0, law[3], law[4], law[5])))
+        out[7, i] = peak
