@@ -312,21 +312,24 @@ def swings(piece: Piece, how: Settings) -> float:
     tau = piece.t - piece.t[0]
     y = piece.white(piece.y)
 
-    def chi2(w: float) -> float:
-        fall = np.exp(-0.5 * how.lag * w * w * tau) if how.stiffness else 1.0
-        swing = fall * np.cos(w * tau), fall * np.sin(w * tau)
-        more = () if how.stiffness else (tau * swing[0], tau * swing[1])
-        a = piece.white(np.stack([np.ones_like(tau), *swing, *more], axis=1))
-        x = np.linalg.lstsq(a, y, rcond=None)[0]
-        known = math.log(w / how.stiffness) / KNOWN[-1] if how.stiffness else 0.0
-        return float(np.sum((y - a @ x) ** 2)) + known**2
+    def chi2(w: Array) -> Array:
+        turned, of = w * tau[:, None], np.ones((tau.size, w.size))
+        fall = np.exp(-0.5 * how.lag * w * w * tau[:, None]) if how.stiffness else of
+        columns = [of, fall * np.cos(turned), fall * np.sin(turned)]
+        columns += [] if how.stiffness else [tau[:, None] * c for c in columns[1:]]
+        a = piece.white(np.concatenate(columns, axis=1)).reshape(tau.size, len(columns), w.size)
+        q = np.linalg.qr(a.transpose(2, 0, 1))[0]
+        left = y - (q @ (q.swapaxes(1, 2) @ y[:, None]))[..., 0]
+        known = np.log(w / how.stiffness) / KNOWN[-1] if how.stiffness else 0.0
+        return np.asarray(np.sum(left * left, axis=1) + known * known)
 
     tried = 2.0 * math.pi / tau[-1] * np.linspace(0.3, 2.0, 18)
     if how.stiffness:
         tried = how.stiffness * np.exp(3.0 * KNOWN[-1] * np.linspace(-1.0, 1.0, 7))
-    best = int(np.argmin([chi2(w) for w in tried]))
-    low, high = tried[max(best - 1, 0)], tried[min(best + 1, tried.size - 1)]
-    return float(scipy.optimize.minimize_scalar(chi2, bounds=(low, high), method="bounded").fun)
+    best = int(np.argmin(chi2(tried)))
+    bounds = tried[max(best - 1, 0)], tried[min(best + 1, tried.size - 1)]
+    found = scipy.optimize.minimize_scalar(lambda w: chi2(np.array([w]))[0], bounds=bounds, method="bounded")
+    return float(found.fun)
 
 
 def well(chi2: float, dof: int) -> bool:
