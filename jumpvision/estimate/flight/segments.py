@@ -18,7 +18,7 @@ LOOK_BACK = 96  # nodes that a segment may reach back
 ABOUT = 12  # samples on either side of a change, which it may move to
 LIKE = 0.003  # of gravity: by how much lens, air and tilt may change the curvature of what is a flight all the same
 RARE = 50.0  # a motion of constant curvature is one of gravity's, this many to one, before it is looked at
-SURELY, LOST = 0.99, 1e-11  # of a chi^2, and of the squares that it is left of by rounding, at most
+SURELY, LOST = 0.99, 1e-11  # what is sure of a chi^2, and how much of the sum of squares behind it rounding may lose
 ALLOWED = 1e-3  # chance that a stretch of one parabola is looked into further
 
 
