@@ -209,7 +209,7 @@ def of_arrays(tables: Any, time_s: ArrayLike | None = None, motor_m: Any = None)
 FEWEST = 8  # samples of a motor's motion
 
 
-def output_times(forcing: Forcing | Loop, stop: float, track: Array | None, *, lead: float) -> Array:
+def output_times(forcing: Forcing | Loop, stop: float, track: Array | None, *, lead: float) -> np.ndarray:
     """Equal steps from `lead` seconds before the forcing to the end of the track (or 1 s beyond the motor's stop)."""
     first, last = forcing.start - lead, stop + 1.0
     if track is not None:
