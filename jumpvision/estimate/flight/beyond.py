@@ -44,43 +44,52 @@ class Ring:
 
 
 @njit(cache=True)
-def swing(u: Array, w: float, gamma: float) -> tuple[Array, Array]:
-    """(from a displacement of 1, from a speed of 1 m/s), u (n,) [s] after the start, of x'' = -w^2 x - 2 gamma x'."""
+def _swing(u: float, w: float, gamma: float) -> tuple[float, float]:
+    """(from a displacement of 1, from a speed of 1 m/s), u [s] after the start, of x'' = -w^2 x - 2 gamma x'."""
     wd = math.sqrt(max(w * w - gamma * gamma, 1e-6 * w * w))
-    cosine, sine = np.empty(u.size), np.empty(u.size)
+    fall = math.exp(min(max(-gamma * u, -50.0), 50.0))
+    sine = fall * math.sin(wd * u) / wd
+    return fall * math.cos(wd * u) + gamma * sine, sine
+
+
+@njit(cache=True)
+def _held(u: float, edge: float, w: float, lag: float, stretch: Array, speed: Array, out: Array) -> None:
+    """Writes what is added on the spring, u [s] from the edge, beside the parabola and the stretch (k,) that there is
+    at the edge, as the body comes with this speed (k,), in the columns (k,) of `Beyond.added`."""
+    cosine, sine = _swing(u, w, 0.5 * w * w * lag)
+    for c in range(out.size):
+        out[c] = sine * speed[c] + cosine * stretch[c]
+    out[0] -= u
+    out[1] += u * edge + 0.5 * u * u - (1.0 - cosine) / (w * w)
+
+
+@njit(cache=True)
+def swing(u: Array, w: float, gamma: float) -> Array:
+    """`_swing` of times (n,), (n, 2)."""
+    out = np.empty((u.size, 2))
     for i in range(u.size):
-        fall = math.exp(min(max(-gamma * u[i], -50.0), 50.0))
-        sine[i] = fall * math.sin(wd * u[i]) / wd
-        cosine[i] = fall * math.cos(wd * u[i]) + gamma * sine[i]
-    return cosine, sine
+        out[i, 0], out[i, 1] = _swing(u[i], w, gamma)
+    return out
 
 
 @njit(cache=True)
 def held(u: Array, edge: float, w: float, lag: float, stretch: Array, speed: Array) -> Array:
-    """On the spring, (n, k), u (n,) [s] from the edge: beside the parabola and the stretch (k,) that there is at the
-    edge, as the body comes with this speed (k,), in the columns of `Beyond.added`."""
-    cosine, sine = swing(u, w, 0.5 * w * w * lag)
+    """`_held` of times (n,), (n, k)."""
     out = np.empty((u.size, speed.size))
     for i in range(u.size):
-        for c in range(speed.size):
-            out[i, c] = sine[i] * speed[c] + cosine[i] * stretch[c]
-        out[i, 0] -= u[i]
-        out[i, 1] += u[i] * edge + 0.5 * u[i] * u[i] - (1.0 - cosine[i]) / (w * w)
+        _held(u[i], edge, w, lag, stretch, speed, out[i])
     return out
 
 
 @njit(cache=True)
 def alone(tau: Array, sides: NDArray[np.int64], where: Array, w: Array, lag: float) -> Array:
     """`Beyond.added` (n, 3) with neither foot nor motor."""
-    out = np.zeros((tau.size, 3))
+    out, still, slope = np.zeros((tau.size, 3)), np.zeros(3), np.zeros(3)
     for k in range(sides.size):
-        i, j = 0, tau.size
-        while sides[k] < 0 and i < j and not tau[j - 1] < where[k]:
-            j -= 1
-        while sides[k] > 0 and i < j and not tau[i] > where[k]:
-            i += 1
-        slope = np.array([1.0, -where[k], 0.0])
-        out[i:j] = held(tau[i:j] - where[k], where[k], w[k], lag, np.zeros(3), slope)
+        slope[0], slope[1] = 1.0, -where[k]
+        for i in range(tau.size):
+            if sides[k] * (tau[i] - where[k]) > 0.0:
+                _held(tau[i] - where[k], where[k], w[k], lag, still, slope, out[i])
     return out
 
 
@@ -241,7 +250,7 @@ class Beyond:
     def _swinging(self, u: Array, edge: float, stretch: Array, speed: Array, still: float) -> Array:
         """In flight, u [s] after the lift-off."""
         assert self.ring is not None
-        cosine, sine = swing(u, self.ring.frequency, self.ring.decay)
+        cosine, sine = swing(u, self.ring.frequency, self.ring.decay).T
         out = cosine[:, None] * stretch + sine[:, None] * speed
         if self.drive is not None:
             out[:, 2] += self.drive.response(u + edge, edge, self.ring.frequency, self.ring.decay, still)
