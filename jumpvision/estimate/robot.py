@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from jumpvision.base.arrays import Array
 
 from .estimate import Estimate, checked, least_squares_fit, scatter_factor
+from .local import local_polynomial
 from .mean import difference_noise
 
 BENT = 4.0  # sigmas of the curvature from which it is fitted along
@@ -300,11 +301,10 @@ def motor_power(
     if width > t.size or central.sum() < 2:
         reason = "the log is too coarse or too short for this period"
         return {"peak_power_W": Estimate(math.nan, math.nan, "W", int(inside.sum()), math.nan, reason)}
-    v = scipy.signal.savgol_filter(position, width, ORDER, deriv=1, delta=step)
-    smooth = scipy.signal.savgol_filter(force, width, ORDER)
-    v_sigma = position_noise * float(np.linalg.norm(scipy.signal.savgol_coeffs(width, ORDER, deriv=1, delta=step)))
+    v, rough = local_polynomial(position, width, ORDER, deriv=1, delta=step)
+    smooth, rougher = local_polynomial(force, width, ORDER)
     f_noise = difference_noise(force[inside])
-    f_sigma = f_noise * float(np.linalg.norm(scipy.signal.savgol_coeffs(width, ORDER)))
+    v_sigma, f_sigma = position_noise * rough, f_noise * rougher
     at = np.flatnonzero(central)
 
     def peak(values: Array, sigma: Array, unit: str) -> Estimate:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
@@ -42,12 +43,54 @@ class Ring:
         return np.stack([fallen * np.cos(self.frequency * t), fallen * np.sin(self.frequency * t)], axis=1)
 
 
-def swing(u: Array, w: float, gamma: float) -> tuple[Array, Array]:
-    """(from a displacement of 1, from a speed of 1 m/s), u (n,) [s] after the start, of x'' = -w^2 x - 2 gamma x'."""
+@njit(cache=True)
+def _swing(u: float, w: float, gamma: float) -> tuple[float, float]:
+    """(from a displacement of 1, from a speed of 1 m/s), u [s] after the start, of x'' = -w^2 x - 2 gamma x'."""
     wd = math.sqrt(max(w * w - gamma * gamma, 1e-6 * w * w))
-    fall = np.exp(np.minimum(np.maximum(-gamma * u, -50.0), 50.0))
-    sine = fall * np.sin(wd * u) / wd
-    return fall * np.cos(wd * u) + gamma * sine, sine
+    fall = math.exp(min(max(-gamma * u, -50.0), 50.0))
+    sine = fall * math.sin(wd * u) / wd
+    return fall * math.cos(wd * u) + gamma * sine, sine
+
+
+@njit(cache=True)
+def _held(u: float, edge: float, w: float, lag: float, stretch: Array, speed: Array, out: Array) -> None:
+    """Writes what is added on the spring, u [s] from the edge, beside the parabola and the stretch (k,) that there is
+    at the edge, as the body comes with this speed (k,), in the columns (k,) of `Beyond.added`."""
+    cosine, sine = _swing(u, w, 0.5 * w * w * lag)
+    for c in range(out.size):
+        out[c] = sine * speed[c] + cosine * stretch[c]
+    out[0] -= u
+    out[1] += u * edge + 0.5 * u * u - (1.0 - cosine) / (w * w)
+
+
+@njit(cache=True)
+def swing(u: Array, w: float, gamma: float) -> Array:
+    """`_swing` of times (n,), (n, 2)."""
+    out = np.empty((u.size, 2))
+    for i in range(u.size):
+        out[i, 0], out[i, 1] = _swing(u[i], w, gamma)
+    return out
+
+
+@njit(cache=True)
+def held(u: Array, edge: float, w: float, lag: float, stretch: Array, speed: Array) -> Array:
+    """`_held` of times (n,), (n, k)."""
+    out = np.empty((u.size, speed.size))
+    for i in range(u.size):
+        _held(u[i], edge, w, lag, stretch, speed, out[i])
+    return out
+
+
+@njit(cache=True)
+def alone(tau: Array, sides: NDArray[np.int64], where: Array, w: Array, lag: float) -> Array:
+    """`Beyond.added` (n, 3) with neither foot nor motor."""
+    out, still, slope = np.zeros((tau.size, 3)), np.zeros(3), np.zeros(3)
+    for k in range(sides.size):
+        slope[0], slope[1] = 1.0, -where[k]
+        for i in range(tau.size):
+            if sides[k] * (tau[i] - where[k]) > 0.0:
+                _held(tau[i] - where[k], where[k], w[k], lag, still, slope, out[i])
+    return out
 
 
 @dataclass(frozen=True)
@@ -119,6 +162,10 @@ class Beyond:
     first: float
     _known: dict[tuple[float, ...], tuple[NDArray[np.bool_], Array]] = field(default_factory=dict, compare=False)
 
+    @cached_property
+    def _sides(self) -> NDArray[np.int64]:
+        return np.array(self.edges, np.int64)
+
     @property
     def tied(self) -> bool:
         """Whether the foot's swing follows from the lift-off."""
@@ -132,6 +179,8 @@ class Beyond:
     def added(self, where: Array, w: Array) -> Array:
         """(n, 3 + free): for every m/s of s, for every m/s^2 of g, in any case, and for the numbers of the swing.
         where: the edges [s], w: the springs [rad/s]."""
+        if self.ring is None and self.drive is None:
+            return np.asarray(alone(self.tau, self._sides, where, w, self.lag))
         out = np.zeros((self.tau.size, 3 + self.free))
         if self.free and self.ring:
             out[:, 3:] = self.ring.columns(self.tau - self.first)
@@ -156,12 +205,14 @@ class Beyond:
         else:
             stretch, speed, still = self._landed(edge, start)
             speed = speed + self._slope(edge)
-        held = self._held(self.tau[beyond] - edge, edge, stiff, stretch, speed, still)
-        held += (self._share() - 1.0) * stretch
+        u = self.tau[beyond] - edge
+        there = held(u, edge, stiff, self.lag, stretch, speed) + (self._share() - 1.0) * stretch
+        if self.drive is not None:
+            there[:, 2] += self.drive.response(u + edge, edge, stiff, 0.5 * stiff * stiff * self.lag, still)
         if not (side < 0 and self.tied):
-            return beyond, held
+            return beyond, there
         out = np.empty((self.tau.size, 3 + self.free))
-        out[beyond] = held
+        out[beyond] = there
         out[~beyond] = self._swinging(self.tau[~beyond] - edge, edge, stretch, speed, still)
         return np.ones_like(beyond), out
 
@@ -199,7 +250,7 @@ class Beyond:
     def _swinging(self, u: Array, edge: float, stretch: Array, speed: Array, still: float) -> Array:
         """In flight, u [s] after the lift-off."""
         assert self.ring is not None
-        cosine, sine = swing(u, self.ring.frequency, self.ring.decay)
+        cosine, sine = swing(u, self.ring.frequency, self.ring.decay).T
         out = cosine[:, None] * stretch + sine[:, None] * speed
         if self.drive is not None:
             out[:, 2] += self.drive.response(u + edge, edge, self.ring.frequency, self.ring.decay, still)
@@ -218,13 +269,3 @@ class Beyond:
             swung = np.zeros((2, 3 + self.free))
             swung[:, 3:] = self.ring.columns(u - self.first)
         return swung[0] / self._share(), (swung[1] - swung[0]) / step, still
-
-    def _held(self, u: Array, edge: float, w: float, stretch: Array, speed: Array, still: float) -> Array:
-        """On the spring, u [s] from the edge: beside the parabola and the stretch that there is at the edge."""
-        gamma = 0.5 * w * w * self.lag
-        cosine, sine = swing(u, w, gamma)
-        out = sine[:, None] * speed - u[:, None] * self._slope(edge) + cosine[:, None] * stretch
-        out[:, 1] += 0.5 * u * u - (1.0 - cosine) / (w * w)
-        if self.drive is not None:
-            out[:, 2] += self.drive.response(u + edge, edge, w, gamma, still)
-        return np.asarray(out)

@@ -18,6 +18,7 @@ LOOK_BACK = 96  # nodes that a segment may reach back
 ABOUT = 12  # samples on either side of a change, which it may move to
 LIKE = 0.003  # of gravity: by how much lens, air and tilt may change the curvature of what is a flight all the same
 RARE = 50.0  # a motion of constant curvature is one of gravity's, this many to one, before it is looked at
+SURELY, LOST = 0.99, 1e-11  # what is sure of a chi^2, and how much of the sum of squares behind it rounding may lose
 ALLOWED = 1e-3  # chance that a stretch of one parabola is looked into further
 
 
@@ -56,22 +57,25 @@ def _partition(t: Array, y: Array, w: Array, nodes: Index, gravity: float) -> tu
 def _least(t: Array, blocks: Array, nodes: Index, gravity: float, price: float) -> tuple[Array, Index, Index]:
     """(least cost up to every node (m + 1,); node at which the last segment begins and its kind (m,))."""
     m = nodes.size - 1
-    best = np.zeros(m + 1)
+    best, least = np.zeros(m + 1), np.zeros(m + 1)  # least: of best up to there
     back, kinds = np.zeros(m, np.int64), np.zeros(m, np.int64)
     for j in range(m):
         best[j + 1] = np.inf
         end, sums = t[nodes[j]], np.zeros(9)
         for k in range(j, max(j - LOOK_BACK, -1), -1):
             add(sums, blocks[k], t[nodes[k]] - end)
-            cost, kind = _cheapest(sums, nodes[j + 1] - nodes[k], gravity, price)
+            cost, kind, curved = _cheapest(sums, nodes[j + 1] - nodes[k], gravity, price)
             if best[k] + cost < best[j + 1]:
                 best[j + 1], back[j], kinds[j] = best[k] + cost, k, kind
+            if least[k] + SURELY * curved - LOST * sums[8] > best[j + 1]:  # through more of it no curve costs less
+                break
+        least[j + 1] = min(least[j], best[j + 1])
     return best, back, kinds
 
 
 @njit(cache=True)
-def _cheapest(sums: Array, length: int, gravity: float, price: float) -> tuple[float, int]:
-    """(cost, kind) of a segment of so many samples."""
+def _cheapest(sums: Array, length: int, gravity: float, price: float) -> tuple[float, int, float]:
+    """(cost, kind, chi^2 of a parabola) of a segment of so many samples."""
     flat, straight, curved, bend, weight = chi2_of(sums)
     least, kind = np.inf, REST
     for k in (REST, STRAIGHT, FLIGHT, CURVED):
@@ -90,4 +94,4 @@ def _cheapest(sums: Array, length: int, gravity: float, price: float) -> tuple[f
             cost += curved + max(2.0 * math.log(RARE * gravity / sigma) - price if sigma < np.inf else 0.0, 0.0)
         if cost < least:
             least, kind = cost, k
-    return least, kind
+    return least, kind, curved

@@ -94,17 +94,11 @@ class Sprung:
         return self.chi2 * self.wide
 
 
-def departure(tau: Array, w: Array | float, lag: float) -> tuple[Array, Array, Array]:
-    """(per m/s of speed down at the edge [s], per m/s^2 of gravity [s^2], rate of the first): how far the spring holds
-    the body above the parabola, tau >= 0 [s] after the edge. x'' = -g - w^2 (x + lag x') from x = 0; w [rad/s], lag =
-    c/k [s]. The rate of the second is the first."""
-    gamma = 0.5 * w * w * lag
-    inner = w * w - gamma * gamma
-    wd = np.sqrt(np.maximum(inner, 1e-6 * w * w))
-    fall = np.exp(-np.clip(gamma * tau, -50.0, 50.0))
-    sine, cosine = fall * np.sin(wd * tau) / wd, fall * np.cos(wd * tau)
-    fallen = 0.5 * tau**2 - (1.0 - cosine - gamma * sine) / (w * w)
-    return np.asarray(tau - sine), np.asarray(fallen), np.asarray(1.0 - cosine + gamma * sine)
+def departure(tau: Array, w: Array) -> tuple[Array, Array]:
+    """(per m/s of speed down at the edge [s], per m/s^2 of gravity [s^2]): how far a spring without a damper holds the
+    body above the parabola, tau >= 0 [s] after the edge. x'' = -g - w^2 x from x = 0; w [rad/s]."""
+    turned = w * tau
+    return np.asarray(tau - np.sin(turned) / w), np.asarray(0.5 * tau**2 - (1.0 - np.cos(turned)) / (w * w))
 
 
 def sprung(
@@ -180,23 +174,26 @@ def _fitted(
         return None
     hung = how.ring.share * np.interp(tau, drive.t, drive.o) if how.ring and drive else 0.0
     base = piece.y + hung + 0.5 * gravity * tau * tau
-    asked: dict[bytes, tuple[Array, Array]] = {}
+    asked: dict[bytes, tuple[Array, Array, Array]] = {}
 
     def fallen(added: Array) -> Array:
         return np.asarray(added[:, 1] - 0.5 * tau * tau)
 
-    def design(nonlinear: Array) -> tuple[Array, Array]:
-        """(columns of the linear numbers, what depends on none of them); kept: it is asked for the residual and for
-        its slopes."""
+    def added_by(nonlinear: Array) -> Array:
+        return beyond.added(nonlinear[: len(edges)], np.exp(np.minimum(np.maximum(nonlinear[len(edges) :], -9.0), 9.0)))
+
+    def design(nonlinear: Array) -> tuple[Array, Array, Array]:
+        """(columns of the linear numbers, what depends on none of them, what is added); kept: it is asked for the
+        residual and for its slopes."""
         key = nonlinear.tobytes()
         if key not in asked:
-            where, w = nonlinear[: len(edges)], np.exp(np.clip(nonlinear[len(edges) :], -9.0, 9.0))
-            added = beyond.added(where, w)
-            columns = [np.ones((n, 1)), (tau + added[:, 0])[:, None]]
+            added = added_by(nonlinear)
+            a = np.empty((n, many))
+            a[:, 0], a[:, 1], a[:, 2 + free_gravity :] = 1.0, tau + added[:, 0], added[:, 3:]
             if free_gravity:
-                columns.append(gravity_sigma * fallen(added)[:, None])
+                a[:, 2] = gravity_sigma * fallen(added)
             asked.clear()
-            asked[key] = np.hstack([*columns, added[:, 3:]]), gravity * added[:, 1] + added[:, 2]
+            asked[key] = a, gravity * added[:, 1] + added[:, 2], added
         return asked[key]
 
     start = _start(piece, tau, many, base, edges, np.array([first, last]) - origin, how, drive)
@@ -211,19 +208,20 @@ def _fitted(
         prior = np.vstack([prior, sure[:, None] * np.eye(known.size)[many + len(edges) :]])
 
     def residual(q: Array) -> Array:
-        a, rest = design(q[many:])
+        a, rest, _ = design(q[many:])
         return np.concatenate([piece.white(base - rest - a @ q[:many]), -prior @ (q - known)])
 
     def jacobian(q: Array) -> Array:
-        a, rest = design(q[many:])
-        here, slopes = a @ q[:many] + rest, np.empty((n, 2 * len(edges)))
-        for k in range(2 * len(edges)):
-            moved, step = q[many:].copy(), 1e-4 * piece.step if k < len(edges) else 1e-5
-            moved[k] += step
-            a_moved, rest_moved = design(moved)
-            slopes[:, k] = (a_moved @ q[:many] + rest_moved - here) / step
-        out = -piece.white(np.concatenate([a, slopes], axis=1))
-        return np.vstack([out, -prior])
+        a, _, added = design(q[many:])
+        out = np.empty((n, q.size))
+        out[:, :many] = a
+        fall = gravity + gravity_sigma * q[2] if free_gravity else gravity
+        by = np.concatenate([[q[1], fall, 1.0], q[2 + free_gravity : many]])
+        for k in range(many, q.size):
+            moved, step = q[many:].copy(), 1e-4 * piece.step if k < many + len(edges) else 1e-5
+            moved[k - many] += step
+            out[:, k] = (added_by(moved) - added) @ by / step
+        return np.vstack([-piece.white(out), -prior])
 
     noise = float(np.median(piece.sigma))
     scale = [noise, noise / span, *[1.0] * free_gravity, *[noise] * beyond.free]
@@ -283,19 +281,19 @@ def _start(
         use = use[:: max(1, use.size // MOST)]
         places = end - side * span * np.linspace(-0.06, 0.4, PLACES)
         edge, w = (a.ravel()[:, None] for a in np.meshgrid(places, springs, indexing="ij"))
-        speed, fall, _ = departure(np.maximum(side * (tau[use] - edge), 0.0), w, 0.0)
-        linear = np.stack([np.ones(use.size), tau[use]], axis=1)
-        columns = np.broadcast_to(linear, (*speed.shape, 2)).copy()
-        columns[..., 1] -= side * speed
+        if use.size < 4:
+            return None
+        speed, fall = departure(np.maximum(side * (tau[use] - edge), 0.0), w)
         y = base[use] - side * gravity * edge * speed - gravity * fall
         if drive is not None:
             alone = Beyond(tau[use], (side,), 0.0, None, drive, 0.0)
             y -= [alone.pulled(e, v) for e, v in zip(edge[:, 0], w[:, 0])]
-        y /= piece.sigma[use]
-        columns /= piece.sigma[use, None]
-        square, product = columns.swapaxes(1, 2) @ columns, (columns * y[..., None]).sum(axis=1)
-        if use.size < 4:
-            return None
+        one = 1.0 / piece.sigma[use]  # the columns of the flight's height, and of its speed
+        rate = (tau[use] - side * speed) * one
+        y *= one
+        square, product = np.empty((len(y), 2, 2)), np.stack([y @ one, np.sum(y * rate, axis=1)], axis=1)
+        square[:, 0, 0], square[:, 1, 1] = one @ one, np.sum(rate * rate, axis=1)
+        square[:, 0, 1] = square[:, 1, 0] = rate @ one
         square += 1e-12 * np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(2)
         x = np.linalg.solve(square, product[..., None])[..., 0]
         chi2 = np.sum(y * y, axis=1) - np.sum(product * x, axis=1)
@@ -314,21 +312,24 @@ def swings(piece: Piece, how: Settings) -> float:
     tau = piece.t - piece.t[0]
     y = piece.white(piece.y)
 
-    def chi2(w: float) -> float:
-        fall = np.exp(-0.5 * how.lag * w * w * tau) if how.stiffness else 1.0
-        swing = fall * np.cos(w * tau), fall * np.sin(w * tau)
-        more = () if how.stiffness else (tau * swing[0], tau * swing[1])
-        a = piece.white(np.stack([np.ones_like(tau), *swing, *more], axis=1))
-        x = np.linalg.lstsq(a, y, rcond=None)[0]
-        known = math.log(w / how.stiffness) / KNOWN[-1] if how.stiffness else 0.0
-        return float(np.sum((y - a @ x) ** 2)) + known**2
+    def chi2(w: Array) -> Array:
+        turned, of = w * tau[:, None], np.ones((tau.size, w.size))
+        fall = np.exp(-0.5 * how.lag * w * w * tau[:, None]) if how.stiffness else of
+        columns = [of, fall * np.cos(turned), fall * np.sin(turned)]
+        columns += [] if how.stiffness else [tau[:, None] * c for c in columns[1:]]
+        a = piece.white(np.concatenate(columns, axis=1)).reshape(tau.size, len(columns), w.size)
+        q = np.linalg.qr(a.transpose(2, 0, 1))[0]
+        left = y - (q @ (q.swapaxes(1, 2) @ y[:, None]))[..., 0]
+        known = np.log(w / how.stiffness) / KNOWN[-1] if how.stiffness else 0.0
+        return np.asarray(np.sum(left * left, axis=1) + known * known)
 
     tried = 2.0 * math.pi / tau[-1] * np.linspace(0.3, 2.0, 18)
     if how.stiffness:
         tried = how.stiffness * np.exp(3.0 * KNOWN[-1] * np.linspace(-1.0, 1.0, 7))
-    best = int(np.argmin([chi2(w) for w in tried]))
-    low, high = tried[max(best - 1, 0)], tried[min(best + 1, tried.size - 1)]
-    return float(scipy.optimize.minimize_scalar(chi2, bounds=(low, high), method="bounded").fun)
+    best = int(np.argmin(chi2(tried)))
+    bounds = tried[max(best - 1, 0)], tried[min(best + 1, tried.size - 1)]
+    found = scipy.optimize.minimize_scalar(lambda w: chi2(np.array([w]))[0], bounds=bounds, method="bounded")
+    return float(found.fun)
 
 
 def well(chi2: float, dof: int) -> bool:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from jumpvision.base.schema import InputError, closest
 from jumpvision.base.storage import irregular
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
 PACKED = {".gz", ".bz2", ".xz", ".zip", ".zst", ".tar"}
 LARGEST = 200e6  # bytes of a log, as text some 2 GB in memory
+SMALL = 4e6  # bytes of one that is kept for the next stage that asks for it
 PLAIN = "commas between the values, decimal points within them, one line of header"
 UNIT = re.compile(r"(.*\S)\s*\[\s*([^\[\]]+?)\s*\]")  # Position [mm]
 
@@ -35,11 +37,39 @@ def read_log(
     A section says what they are called in the file, in which unit, and when its time begins. Raises InputError naming
     file, row (1 = first row under the header), column, value and remedy.
     """
+    import pandas as pd
+
+    path, start = (log, 0.0) if isinstance(log, Path) else (log.path, getattr(log, "start", 0.0))
+    called = () if isinstance(log, Path) else tuple(log.called.items())
+    asked = path, columns, optional, called, getattr(log, "rate", None), start, at_least, ordered
+    if path.suffix.lower() != ".csv" or irregular(path) or not 0 < (stat := path.stat()).st_size < SMALL:
+        return pd.DataFrame(_read(*asked))
+    if not _ended(path) or is_tracker(path):
+        return pd.DataFrame(_read(*asked))  # each time it may say what to know of it
+    return pd.DataFrame(_kept(*asked, (stat.st_ino, stat.st_mtime_ns, stat.st_size)))
+
+
+@lru_cache(8)  # the stages of an experiment ask for its logs some eight times
+def _kept(*asked: Any) -> dict[str, Array]:
+    """`_read`; last of all what tells that a file is the same."""
+    return _read(*asked[:-1])
+
+
+def _read(
+    path: Path,
+    columns: tuple[str, ...],
+    optional: tuple[str, ...],
+    called: tuple[tuple[str, str], ...],
+    rate: float | None,
+    start: float,
+    at_least: int,
+    ordered: bool,
+) -> dict[str, Array]:
+    """As `read_log`, the time from `start` [s]."""
     import numpy as np
     import pandas as pd
 
-    path = log if isinstance(log, Path) else log.path
-    raw = _cells(path, columns, optional, {} if isinstance(log, Path) else log.called, getattr(log, "rate", None))
+    raw = _cells(path, columns, optional, dict(called), rate)
     rows = {c: len(channel.values) for c, channel in raw.items()}
     if len(set(rows.values())) > 1:
         told = ", ".join(f"{raw[c].name} has {n}" for c, n in rows.items())
@@ -72,8 +102,7 @@ def read_log(
         )
     if problems:
         raise InputError(problems)
-    out[columns[0]] = time + getattr(log, "start", 0.0)
-    return pd.DataFrame(out)
+    return out | {columns[0]: time + start}
 
 
 def columns_in(log: LogSection) -> list[str]:
@@ -253,16 +282,21 @@ def _refuse_swallowed(path: Path, raw: pd.DataFrame, first: int = 0) -> None:
 
 def _doubt_end(path: Path, raw: pd.DataFrame) -> None:
     """A word where the last row may be cut within its number: no newline ends it, and all others are longer."""
-    with path.open("rb") as file:
-        file.seek(-1, 2)
-        if file.read() in b"\r\n" or len(raw) < 4:
-            return
+    if _ended(path) or len(raw) < 4:
+        return
     cells = raw.iloc[1:, -1].str.strip().str.len()
     if cells.iloc[-1] < cells.iloc[:-1].min():
         tell(
             f"{path}: its last row ends in '{raw.iloc[-1, -1]}', without a newline and shorter than all others: was "
             "the file cut off? Delete the row then"
         )
+
+
+def _ended(path: Path) -> bool:
+    """Whether a newline ends a file."""
+    with path.open("rb") as file:
+        file.seek(max(file.seek(0, 2) - 1, 0))
+        return file.read() in (b"\r", b"\n")
 
 
 # Tables that a person writes: columns carry their units, as `length [mm]`.

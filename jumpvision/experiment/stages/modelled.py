@@ -13,7 +13,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from jumpvision.base.schema import StageWarning
 from jumpvision.estimate.slip import FEWEST, Motion, Played
@@ -24,7 +23,7 @@ from jumpvision.experiment.inputs.sections import Actuation, Bed, Motor, MotorLo
 from jumpvision.experiment.results.tables import RodMotion
 from jumpvision.experiment.results.values import BedHeight
 
-from .simulate import build_model, driver, moved
+from .simulate import build_model, courses, driver
 
 BEYOND = 0.3  # s after the motor's stop until which motions are compared: later bounces repeat every error
 MISSED = 0.05  # of the motion, from which the robot's numbers are tried, which takes seconds
@@ -52,14 +51,13 @@ def played(e: Experiment, rod: RodMotion, bed: BedHeight | None) -> Played | Non
     rest = good & (t < law.start)
     if rest.sum() < 3 or (good & ~rest & (t < until)).sum() < FEWEST:
         return None
-    span = RodMotion(pd.DataFrame({"time_s": [t[0], until], "height_m": 0.0, "sigma_m": 1.0}))
-    known, declared = spec, robot
+    span, known, declared = np.array([t[0], until]), spec, robot
 
     def model(numbers: Mapping[str, float]) -> Motion:
         changed: dict[str, Any] = dict(numbers)
         other = replace(declared, **changed)
-        table = moved(build_model(e, other, known, section, bed), forcing, stop, span, p).table
-        return table.time_s.to_numpy(), (table.rod_m - table.rod_m.iloc[0]).to_numpy()
+        times, height, *_ = courses(build_model(e, other, known, section, bed), forcing, stop, span, p)
+        return times, height - height[0]
 
     return Played(t[good], h[good] - np.median(h[rest]), law.start - 0.1, until, model)
 

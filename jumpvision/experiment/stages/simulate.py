@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
+from jumpvision.base.arrays import Array
 from jumpvision.base.parameters import of_keywords
 from jumpvision.base.schema import InputError
 from jumpvision.estimate.estimate import checked
@@ -65,8 +66,14 @@ def simulate(
 
 def moved(model: Model, forcing: Forcing | Loop, stop: float, rod: RodMotion | None, p: SimulateParams) -> Simulation:
     """A model moved by its motor over the time of a track, where there is one. stop: when the motor rests [s]."""
+    columns = courses(model, forcing, stop, None if rod is None else rod.arrays[0], p)
+    return Simulation(pd.DataFrame(dict(zip(Simulation.columns, columns, strict=True))))
+
+
+def courses(model: Model, forcing: Forcing | Loop, stop: float, track: Array | None, p: SimulateParams) -> list[Array]:
+    """The same as `Simulation.columns`, (n,) each. track (m,) [s]: its times."""
     shift = float(np.max(np.abs(model.shown(AROUND) - AROUND)))
-    times = output_times(forcing, stop, rod, lead=0.05 + shift)
+    times = output_times(forcing, stop, track, lead=0.05 + shift)
     true = model.shown(times)
     if model.exact and not isinstance(forcing, Loop):
         m = hard_jump(
@@ -87,9 +94,8 @@ def moved(model: Model, forcing: Forcing | Loop, stop: float, rod: RodMotion | N
         columns = (n.rod, n.foot, n.motor, n.ground_force, n.spring_force)
         for said in beyond_seen(model, n):
             warnings.warn(StageWarning("range", said, "model"), stacklevel=1)
-    table = pd.DataFrame(dict(zip(Simulation.columns, (times, *columns), strict=True)))
-    rest = table.rod_m.iloc[0]
-    return Simulation(table.assign(rod_m=rest + model.filmed(table.rod_m.to_numpy() - rest, times)))
+    rest = columns[0][0]
+    return [times, rest + model.filmed(columns[0] - rest, times), *columns[1:]]
 
 
 def build_model(
@@ -203,10 +209,9 @@ def of_arrays(tables: Any, time_s: ArrayLike | None = None, motor_m: Any = None)
 FEWEST = 8  # samples of a motor's motion
 
 
-def output_times(forcing: Forcing | Loop, stop: float, rod: RodMotion | None, *, lead: float) -> np.ndarray:
+def output_times(forcing: Forcing | Loop, stop: float, track: Array | None, *, lead: float) -> np.ndarray:
     """Equal steps from `lead` seconds before the forcing to the end of the track (or 1 s beyond the motor's stop)."""
     first, last = forcing.start - lead, stop + 1.0
-    if rod is not None:
-        time = rod.arrays[0]
-        first, last = min(first, float(time[0])), max(float(time[-1]), stop)
+    if track is not None:
+        first, last = min(first, float(track[0])), max(float(track[-1]), stop)
     return first + TICK * np.arange(int(np.ceil((last - first) / TICK)) + 1)

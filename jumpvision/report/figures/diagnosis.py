@@ -16,6 +16,7 @@ from jumpvision.engine.document.document import titles
 from jumpvision.engine.document.values import Cell, Discovered, Varies
 from jumpvision.engine.laws.expression import parse
 from jumpvision.engine.order import Findings
+from jumpvision.estimate.local import local_polynomial
 from jumpvision.jumper.mechanisms.record import LONG_AGO, STATE
 from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.jumps import PARTS
@@ -284,8 +285,6 @@ def _energy(ax: Axes, data: Diagnosis) -> None:
 
 def _force(ax: Axes, d: Findings, system: Jumper, extended: bool) -> None:
     """Mass times the acceleration that a model misses, over time: a picture, no evidence."""
-    from scipy.signal import savgol_filter
-
     worst = int(np.argmax([np.mean(r * r) for r in d.baseline.residuals]))
     o, jump = system.observations[worst], system.jumps[worst]
     late = o.t > jump.forcing.start
@@ -295,7 +294,7 @@ def _force(ax: Axes, d: Findings, system: Jumper, extended: bool) -> None:
     for name, (fit, color) in fits.items():
         r = o.y - system.predict(fit.mechanisms, fit.named, [worst])[0]
         # the acceleration is the curvature of a quadratic over 9 frames
-        force = jump.model.M * savgol_filter(r, 9, 2, deriv=2, delta=float(np.median(np.diff(o.t))))
+        force = jump.model.M * local_polynomial(r, 9, 2, deriv=2, delta=float(np.median(np.diff(o.t))))[0]
         ax.plot(o.t[late], force[late], color=color, lw=1.0, label=name)
     ax.axhline(0.0, color=QUIET, lw=0.8)
     ax.set(title="force missing on the rod in (b)", xlabel="time [s]", ylabel="mass × missed acceleration [N]")
