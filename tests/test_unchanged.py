@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import json
 import math
 import os
@@ -18,9 +20,12 @@ from fault_lab import results_of, run_here, write_campaign
 
 from jumpvision.base import storage
 from jumpvision.experiment.inputs.experiment import open_experiment
+from jumpvision.experiment.inputs.sections import NotApplicable
 from jumpvision.experiment.results.summary import JumpRow, Summary, Uncertain
+from jumpvision.experiment.results.tables import RodMotion
 from jumpvision.experiment.workflow import cache, run, unchanged
 from jumpvision.experiment.workflow.run import Plan, run_experiment
+from jumpvision.experiment.workflow.stage import STAGES
 from jumpvision.experiment.workflow.workspace import packed, unpacked
 
 PLAN = {"stages": None, "command": "jumpvision run"}
@@ -215,6 +220,19 @@ def test_a_result_of_a_stage_that_comes_from_elsewhere_is_looked_at(place, monke
     assert asked(place, monkeypatch)[1]
     (place.parent / "results" / "bed.json").write_text("{}")
     assert not asked(place, monkeypatch)[1]
+
+
+def test_a_picture_of_what_there_is_not_keeps_nothing_from_being_noted(place, monkeypatch):
+    """It has no entry of its own, which the note looked for in vain: a film without [params.paths] was never noted."""
+
+    @functools.wraps(STAGES[RodMotion].function)
+    def nothing(*args, **kwargs):
+        raise NotApplicable(["no rod here"])
+
+    monkeypatch.setitem(STAGES, RodMotion, dataclasses.replace(STAGES[RodMotion], function=nothing))
+    pictures = ("jumpvision.report.figures.pictures",)
+    assert "no rod here" in asked(place, monkeypatch, pictures=pictures)[0].not_run
+    assert asked(place, monkeypatch, pictures=pictures)[1]
 
 
 def test_what_failed_is_tried_again(place, monkeypatch):
