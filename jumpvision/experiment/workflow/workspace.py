@@ -357,8 +357,12 @@ class Workspace:
         """SHA-256 of a recording: of a file, or of all files of a folder or pattern with their names."""
         known = self._read.get(path, {})
         self._read[path] = {str(f): self._hash_file(f, known) for f in recording_files(path)}
-        digests = {os.path.basename(f): unpacked(both)[0] for f, both in self._read[path].items()}
-        return hashlib.sha256(json.dumps(digests, sort_keys=True).encode()).hexdigest()
+        digests = ({os.path.basename(f): unpacked(self._read[path][f])[0]} for f in sorted(self._read[path]))
+        whole = hashlib.sha256()
+        for k, each in enumerate(digests):  # as JSON of all digests by name, of which one is in memory
+            whole.update(((", " if k else "{") + json.dumps(each)[1:-1]).encode())
+        whole.update(b"}" if self._read[path] else b"{}")
+        return whole.hexdigest()
 
     @property
     def recordings(self) -> Mapping[Path, Mapping[str, bytes]]:
