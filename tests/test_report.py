@@ -736,3 +736,13 @@ def test_a_long_name_beside_a_bar_is_cut_and_no_mechanism_is():
 
     assert tick("scale of stutter-5.5Hz-1, stutter-5.5Hz-2 and others") == "scale of stutter-5.5Hz-1, …"
     assert not [m for m in MECHANISMS if "…" in tick(m)]
+
+
+def test_json_in_pieces_is_that_of_the_filter():
+    from jinja2 import Environment
+
+    from jumpvision.report.pages.page import in_pieces
+
+    told = {"b": {"<a> & 'b'.png": "0" * 64, "é": [1.5, None, {}]}, "a": "γ</script>"}
+    whole = Environment(autoescape=True).from_string("{{ told|tojson(indent=1) }}").render(told=told)
+    assert "".join(in_pieces(told)) == whole

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import json
+import math
 import os
 import shutil
 import subprocess
@@ -17,9 +20,12 @@ from fault_lab import results_of, run_here, write_campaign
 
 from jumpvision.base import storage
 from jumpvision.experiment.inputs.experiment import open_experiment
+from jumpvision.experiment.inputs.sections import NotApplicable
 from jumpvision.experiment.results.summary import JumpRow, Summary, Uncertain
+from jumpvision.experiment.results.tables import RodMotion
 from jumpvision.experiment.workflow import cache, run, unchanged
 from jumpvision.experiment.workflow.run import Plan, run_experiment
+from jumpvision.experiment.workflow.stage import STAGES
 from jumpvision.experiment.workflow.workspace import packed, unpacked
 
 PLAN = {"stages": None, "command": "jumpvision run"}
@@ -132,14 +138,12 @@ def test_a_change_is_seen(place, monkeypatch, what, settled):
 
 def test_an_edit_in_the_moment_of_the_run_is_seen_though_no_date_tells(place, monkeypatch):
     """A file of the same stamp as noted, and noted so shortly after its change that this says nothing."""
+    monkeypatch.setattr(storage, "FRESH", 1e9)
     asked(place, monkeypatch)
     log = place / "rod_track.csv"
+    true, noted = unchanged.stamp, storage.stamp(log)
     edit(log)
-    true = unchanged.stamp
-    note = next((place.parent / "results" / ".cache" / "notes").iterdir())
-    noted = json.loads(note.read_text())[1]["files"][str(log)]
-    monkeypatch.setattr(unchanged, "stamp", lambda f: tuple(noted[:-1]) if str(f) == str(log) else true(f))
-    monkeypatch.setattr(storage, "FRESH", 1e9)
+    monkeypatch.setattr(unchanged, "stamp", lambda f: noted if str(f) == str(log) else true(f))
     outcome, told = asked(place, monkeypatch)
     assert not told and outcome.computed
 
@@ -218,6 +222,19 @@ def test_a_result_of_a_stage_that_comes_from_elsewhere_is_looked_at(place, monke
     assert not asked(place, monkeypatch)[1]
 
 
+def test_a_picture_of_what_there_is_not_keeps_nothing_from_being_noted(place, monkeypatch):
+    """It has no entry of its own, which the note looked for in vain: a film without [params.paths] was never noted."""
+
+    @functools.wraps(STAGES[RodMotion].function)
+    def nothing(*args, **kwargs):
+        raise NotApplicable(["no rod here"])
+
+    monkeypatch.setitem(STAGES, RodMotion, dataclasses.replace(STAGES[RodMotion], function=nothing))
+    pictures = ("jumpvision.report.figures.pictures",)
+    assert "no rod here" in asked(place, monkeypatch, pictures=pictures)[0].not_run
+    assert asked(place, monkeypatch, pictures=pictures)[1]
+
+
 def test_what_failed_is_tried_again(place, monkeypatch):
     (place / "rod_track.csv").write_text("time_s,height_m\n0,nan\n")
     for _ in range(2):
@@ -230,8 +247,8 @@ def test_a_new_frame_of_a_folder_is_seen(tmp_path):
     folder = tmp_path / "film"
     folder.mkdir()
     (folder / "a.png").write_text("a")
-    files = {str(folder / "a.png"): [*storage.stamp(folder / "a.png"), ""]}
-    noted = {"foreign": [], "recordings": {str(folder): list(files)}, "files": files}
+    files = {str(folder / "a.png"): packed("00" * 32, storage.stamp(folder / "a.png"))}
+    noted = {"foreign": [], "recordings": {str(folder): unchanged._told_of(files, math.inf)}, "files": {}}
     assert unchanged._same(noted, tmp_path, time.time())
     (folder / "b.png").write_text("b")
     assert not unchanged._same(noted, tmp_path, time.time())
@@ -245,7 +262,8 @@ def test_entries_of_a_run_that_looked_into_nothing_count_as_used(place, monkeypa
     monkeypatch.setattr(unchanged, "settled", lambda *_: True)
     note = next((store / "notes").iterdir())
     content = storage.unsealed(note.read_text())
-    note.write_text(storage.sealed({**content, "files": {f: [v[0], v[-1]] for f, v in content["files"].items()}}))
+    files = {f: [v[0], v[-1]] for f, v in content["files"].items()}
+    note.write_text(storage.sealed({**content, "recordings": {}, "files": files}))
     for f in (*store.glob("*/*/*"), *store.glob("*/*/")):
         os.utime(f, (long_ago,) * 2)
     os.utime(note, (long_ago,) * 2)

@@ -14,7 +14,7 @@ import socket
 import stat
 import time
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -71,13 +71,15 @@ def companions(path: Path) -> list[Path]:
     return [path, *(f for f in beside if f != path and f.is_file())]
 
 
-def recording_files(path: Path) -> list[Path]:
-    """The files of a recording: itself with its headers, all of a folder, or all that a pattern fits."""
+def recording_files(path: Path) -> Iterator[Path]:
+    """The files of a recording: itself with its headers, all of a folder, or all that a pattern fits; of 100,000 one
+    path at a time is in memory."""
     if path.is_file():
-        return companions(path)
+        return iter(companions(path))
+    folder, found = path.parent, path.parent.glob(path.name)
     if path.is_dir():
-        return sorted(f for f in path.iterdir() if f.is_file())
-    return sorted(path.parent.glob(path.name))
+        folder, found = path, (f for f in path.iterdir() if f.is_file())
+    return map(folder.joinpath, sorted(f.name for f in found))
 
 
 def sha256(path: Path) -> str:
@@ -158,38 +160,36 @@ class ChangedFile(OSError):
     """A file is not what it was said to be."""
 
 
-def write_aside(path: Path, text: str) -> None:
-    """Write a text file in one step: it is whole, old or new, at any moment. Lines end alike on all systems."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    aside = _aside_file(path)
+@contextlib.contextmanager
+def _in_one_step(target: Path) -> Iterator[Path]:
+    """Where to write a file, which then takes its place: it is whole, old or new, at any moment."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    aside = _aside_file(target)
     try:
-        aside.write_text(text, encoding="utf-8", newline="\n")
-        replace(aside, path)
+        yield aside
+        replace(aside, target)
     finally:
         aside.unlink(missing_ok=True)
+
+
+def write_aside(path: Path, text: str | Iterable[str]) -> None:
+    """Write a text file, whole or piece by piece, in one step. Lines end alike on all systems."""
+    with _in_one_step(path) as aside, aside.open("w", encoding="utf-8", newline="\n") as file:
+        file.writelines([text] if isinstance(text, str) else text)
 
 
 def write_bytes_aside(path: Path, content: bytes) -> None:
     """Likewise of a file that is no text."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    aside = _aside_file(path)
-    try:
+    with _in_one_step(path) as aside:
         aside.write_bytes(content)
-        replace(aside, path)
-    finally:
-        aside.unlink(missing_ok=True)
 
 
 def copy_aside(source: Path, target: Path, digest: str) -> None:
     """Copy a file in one step. digest: the SHA-256 that the copy must have; ChangedFile otherwise."""
-    aside = _aside_file(target)
-    try:
+    with _in_one_step(target) as aside:
         shutil.copyfile(source, aside)
         if sha256(aside) != digest:
             raise ChangedFile(errno.EIO, "changed while it was copied", str(source))
-        replace(aside, target)
-    finally:
-        aside.unlink(missing_ok=True)
 
 
 PATIENCE = (0.05, 0.1, 0.2, 0.4, 0.8)  # s; virus scanners and previews hold a file for a moment

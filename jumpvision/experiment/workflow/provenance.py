@@ -10,6 +10,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
+from itertools import chain
 from pathlib import Path
 from typing import TypedDict
 
@@ -56,7 +57,8 @@ def settle(workspace: Workspace, command: str) -> list[str]:
     if workspace.steps or still:
         told = plain(_content(workspace, before, still, command))
         if told != {**before, "command": command}:  # of a run that changed nothing: it stays that of who made them
-            write_aside(workspace.results / files.PROVENANCE, json.dumps(told, indent=1) + "\n")
+            pieces = json.JSONEncoder(indent=1).iterencode(told)  # of a film of pictures 100,000 names and digests
+            write_aside(workspace.results / files.PROVENANCE, chain(pieces, ["\n"]))
     elif before:
         (workspace.results / files.PROVENANCE).unlink(missing_ok=True)
     return notes

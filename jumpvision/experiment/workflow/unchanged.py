@@ -10,17 +10,29 @@ import functools
 import hashlib
 import os
 import time
+from collections.abc import Iterable, Mapping
 from itertools import chain
 from pathlib import Path
 
 import jumpvision
 from jumpvision.base.schema import Toml
-from jumpvision.base.storage import NOTES, memories, memory, recall, recording_files, remember, settled, sha256, stamp
+from jumpvision.base.storage import (
+    NOTES,
+    Stamp,
+    memories,
+    memory,
+    recall,
+    recording_files,
+    remember,
+    settled,
+    sha256,
+    stamp,
+)
 from jumpvision.experiment.files import PROVENANCE
 
 from .entries import RECEIPT
 from .stage import STAGES
-from .workspace import Workspace
+from .workspace import Workspace, unpacked
 
 
 @functools.cache
@@ -48,13 +60,27 @@ def note(workspace: Workspace, key: str, told: Toml) -> None:
     foreign = {s.output.file for s in STAGES.values()} - workspace.outputs.keys()
     content = {
         "key": key,
-        "recordings": {str(path): list(files) for path, files in workspace.recordings.items()},
-        "files": {str(Path(f).absolute()): (*seen, digest) for f, seen, digest in files},
+        "recordings": {str(path): _told_of(files, at) for path, files in workspace.recordings.items()},
+        "files": {str(f.absolute()): (*seen, digest) for f, seen, digest in files},
         "foreign": sorted(foreign.difference(os.listdir(results))),
         "told": told,
     }
     remember(workspace.cache, NOTES, results, content)
     os.utime(memory(workspace.cache, NOTES, results), (at, at))
+
+
+def _told_of(files: Mapping[str, bytes], at: float) -> tuple[str, dict[str, str]]:
+    """Of the files of a recording, packed: `_all_of` them, and the SHA-256 of those that their stamp may not tell."""
+    late = {f: unpacked(both)[0] for f, both in files.items() if not settled(unpacked(both)[1], at)}
+    return _all_of((f, unpacked(both)[1]) for f, both in files.items()), late
+
+
+def _all_of(files: Iterable[tuple[str, Stamp]]) -> str:
+    """Digest of names and stamps: a film of pictures has 100,000."""
+    found = hashlib.sha256()
+    for each in files:
+        found.update(repr(each).encode())
+    return found.hexdigest()
 
 
 def noted(cache: Path, results: Path, key: str) -> Toml | None:
@@ -75,11 +101,13 @@ def _same(found: Toml, results: Path, at: float) -> bool:
     entries of the cache by dates alone, as they are checked whenever they are read."""
     if not set(found["foreign"]).isdisjoint(os.listdir(results)):
         return False
-    for path, files in found["recordings"].items():
-        if [str(f) for f in recording_files(Path(path))] != files:
+    for path, (noted, late) in found["recordings"].items():
+        if _all_of((str(f), stamp(f)) for f in recording_files(Path(path))) != noted:
             return False
-    for name, (*noted, digest) in found["files"].items():
-        if list(stamp(name)) != noted or (digest and not settled(noted, at) and sha256(Path(name)) != digest):
+        if any(not settled(stamp(f), at) and sha256(Path(f)) != digest for f, digest in late.items()):
+            return False
+    for name, (*seen, digest) in found["files"].items():
+        if list(stamp(name)) != seen or (digest and not settled(seen, at) and sha256(Path(name)) != digest):
             return False
     return True
 

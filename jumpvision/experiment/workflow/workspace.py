@@ -14,9 +14,8 @@ import os
 import sys
 import time
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -86,9 +85,8 @@ class Workspace:
         self.steps: list[Step] = []
         self._made: dict[type, tuple[str, Record]] = {}
         self._failed: dict[type, Exception] = {}
-        self._read: dict[Path, tuple[str, ...]] = {}  # recording -> its files, of a film of pictures 100,000
+        self._read: dict[Path, dict[str, bytes]] = {}  # recording -> its files, packed: there may be 100,000
         self._published: dict[Path, Stamp] = {}
-        self._hashes: dict[str, bytes] = {}  # of files as they were hashed, packed: there may be 100,000
 
     # -- what can be made ------------------------------------------------------------------------------------
 
@@ -349,7 +347,7 @@ class Workspace:
         self.results.mkdir(parents=True, exist_ok=True)
         for name, digest in outputs.items():
             target = self.results / name
-            if not target.exists() or self._hash_file(target)[0] != digest:
+            if not target.exists() or unpacked(self._hash_file(target, {}))[0] != digest:
                 copy_aside(entry / name, target, digest)
             self._published[target] = stamp(target)
 
@@ -357,29 +355,30 @@ class Workspace:
 
     def _hash(self, path: Path) -> str:
         """SHA-256 of a recording: of a file, or of all files of a folder or pattern with their names."""
-        files = recording_files(path)
-        digests = {f.name: self._hash_file(f)[0] for f in files}
-        self._read[path] = tuple(map(str, files))
-        return hashlib.sha256(json.dumps(digests, sort_keys=True).encode()).hexdigest()
+        known = self._read.get(path, {})
+        self._read[path] = {str(f): self._hash_file(f, known) for f in recording_files(path)}
+        digests = ({os.path.basename(f): unpacked(self._read[path][f])[0]} for f in sorted(self._read[path]))
+        whole = hashlib.sha256()
+        for k, each in enumerate(digests):  # as JSON of all digests by name, of which one is in memory
+            whole.update(((", " if k else "{") + json.dumps(each)[1:-1]).encode())
+        whole.update(b"}" if self._read[path] else b"{}")
+        return whole.hexdigest()
 
     @property
-    def recordings(self) -> Mapping[Path, Sequence[str]]:
-        """The recordings that were read, as sections name them: their files."""
+    def recordings(self) -> Mapping[Path, Mapping[str, bytes]]:
+        """The recordings that were read, as sections name them: their files, each as it was hashed, `packed`."""
         return self._read
 
     @property
     def inputs(self) -> dict[str, str]:
         """SHA-256 of what was read, by its name in provenance.json."""
-        return {self._relative(f): unpacked(self._hashes[f])[0] for f in chain(*self._read.values())}
+        return {self._relative(f): unpacked(both)[0] for files in self._read.values() for f, both in files.items()}
 
-    def counted(self) -> Iterator[tuple[str | Path, Stamp, str]]:
-        """(file, stamp, SHA-256) of what the results were made of and of themselves; of entries in the cache "" for
-        it."""
-        for f in chain(*self._read.values()):
-            digest, at = unpacked(self._hashes[f])
-            yield f, at, digest
+    def counted(self) -> Iterator[tuple[Path, Stamp, str]]:
+        """(file, stamp, SHA-256) of the results; of what they were kept as in the cache "" for it."""
         found = [(entries.place(self.cache, s.stage, s.key), s.files) for s in self.steps]
-        nothing = [o for o, e in self._failed.items() if isinstance(e, NotApplicable)]
+        # the first that raised it: those that read its record have no entry of their own
+        nothing = {e: o for o, e in reversed(self._failed.items()) if isinstance(e, NotApplicable)}.values()
         found += [(entries.place(self.cache, STAGES[o].name, self.key(o)), {}) for o in nothing]
         for entry, outputs in found:
             yield from ((self.results / n, self._published[self.results / n], digest) for n, digest in outputs.items())
@@ -404,9 +403,9 @@ class Workspace:
         files of a recording that are looked at, else none."""
         for i in made.inputs:
             section = self.experiment.section(i.type) if issubclass(i.type, Section) else None
-            files = self._read.get(getattr(section, "path", None), ())  # type: ignore[arg-type]
+            files = self._read.get(getattr(section, "path", None), {})  # type: ignore[arg-type]
             for f in files if len(files) <= most else ():
-                digest, at = unpacked(self._hashes[f])
+                digest, at = unpacked(files[f])
                 try:
                     same = stamp(f) == at or sha256(Path(f)) == digest
                 except OSError:
@@ -414,18 +413,16 @@ class Workspace:
                 if not same:
                     raise InputError([f"{f}: changed while stage '{made.name}' read it; run again when it is whole"])
 
-    def _hash_file(self, path: Path) -> tuple[str, Stamp]:
-        """SHA-256 of a file, remembered while its stamp stays, and the stamp."""
+    def _hash_file(self, path: Path, known: Mapping[str, bytes]) -> bytes:
+        """SHA-256 of a file, remembered while its stamp stays, and the stamp, packed; known: such of its recording."""
         at, name = stamp(path), str(path)
-        if name in self._hashes and (kept := unpacked(self._hashes[name]))[1] == at:
-            return kept
+        if name in known and unpacked(known[name])[1] == at:
+            return known[name]
         if not self.verify:
             try:
-                known = recall(self.cache, HASHES, path)
-                if tuple(known["stamp"]) == at:
-                    digest = str(known["sha256"])
-                    self._hashes[name] = packed(digest, at)
-                    return digest, at
+                found = recall(self.cache, HASHES, path)
+                if tuple(found["stamp"]) == at:
+                    return packed(str(found["sha256"]), at)
             except (OSError, ValueError):
                 pass
         for _ in range(ATTEMPTS):
@@ -438,8 +435,7 @@ class Workspace:
         if settled(at, time.time()):
             entries.mark(self.cache)
             remember(self.cache, HASHES, path, {"stamp": at, "sha256": digest})
-        self._hashes[name] = packed(digest, at)
-        return digest, at
+        return packed(digest, at)
 
 
 NUMBER = 17  # bytes of one number of a stamp: what identifies a file on Windows has 128 bits, dates have a sign

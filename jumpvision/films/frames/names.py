@@ -44,17 +44,16 @@ def _natural(name: str) -> list[str | int]:
     return [int(part) if part.isdecimal() else part for part in DIGITS.split(name.lower())]
 
 
-def _counters(stems: Sequence[str]) -> list[float] | None:
+def _counters(stems: Sequence[str]) -> Sequence[float] | None:
     """The number of each name that counts the frames; None where there is none, or more than one."""
     return _signed(stems) or _varying(stems, DECIMAL if _decimal(stems) else DIGITS)
 
 
-def _varying(stems: Sequence[str], number: re.Pattern[str]) -> list[float] | None:
+def _varying(stems: Sequence[str], number: re.Pattern[str]) -> Sequence[float] | None:
     """The one number in which names that are else alike differ."""
-    parts = [number.split(s) for s in stems]
-    if len({tuple(p[::2]) for p in parts}) > 1:
+    if len({tuple(number.split(s)[::2]) for s in stems}) > 1:
         return None
-    columns = [[float(x) for x in column] for column in zip(*(p[1::2] for p in parts))]
+    columns = list(zip(*(tuple(map(float, number.split(s)[1::2])) for s in stems)))
     varying = [c for c in columns if len(set(c)) > 1]
     if len(stems) == 1 and columns:
         return columns[-1]
@@ -63,6 +62,8 @@ def _varying(stems: Sequence[str], number: re.Pattern[str]) -> list[float] | Non
 
 def _signed(stems: Sequence[str]) -> list[float] | None:
     """Numbers of which some are below zero: `frame--3`, `frame--2`, ..., `frame-0`, `frame-1`."""
+    if not any("-" in s for s in stems):
+        return None
     parts = [re.fullmatch(r"(.*?)([0-9]+)([^0-9]*)", s) for s in stems]
     heads = {p[1] for p in parts if p}
     if not all(parts) or len(heads) != 2 or len({p[3] for p in parts if p}) > 1:

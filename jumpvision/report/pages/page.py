@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from importlib.resources import files as resources
 from pathlib import Path
@@ -41,6 +41,7 @@ from .words import campaign_words, drawing, experiment_words, film, inline, nois
 
 if TYPE_CHECKING:
     from jinja2 import Template
+    from markupsafe import Markup
 
 PICTURES = {  # file: (heading, what it shows)
     "track.png": ("Tracking", "a frame of the film with the path of the ball, and height against time"),
@@ -220,7 +221,8 @@ def write_experiment(
     sentence, facts = experiment_words(law, outcome.summary, Fits(fits | volume), whole=whole_disc(folder))
     charts = experiment_charts(folder, law)
     made = json.loads(receipt or "{}")
-    text = template("experiment.html.j2").render(
+    shown = {k: made[k] for k in SHOWN if k in made}
+    page = template("experiment.html.j2").generate(  # a film of pictures has 100,000 names and digests
         key=mark,
         style=style(),
         script=script(),
@@ -251,11 +253,22 @@ def write_experiment(
         warnings=outcome.said,
         errors=outcome.errors,
         not_run=outcome.not_run,
-        provenance={
-            k: made[k] for k in ("citation", "license", "command", "versions", "inputs", "parameters") if k in made
-        },
+        citation=made.get("citation"),
+        license=made.get("license"),
+        provenance=in_pieces(shown) if shown else None,
     )
-    write_aside(folder / files.REPORT, text)
+    write_aside(folder / files.REPORT, page)
+
+
+SHOWN = ("citation", "license", "command", "versions", "inputs", "parameters")  # of provenance.json
+
+
+def in_pieces(told: Mapping[str, object]) -> Iterator[Markup]:
+    """JSON for a page, as the filter `tojson` gives it, piece by piece."""
+    from jinja2.utils import htmlsafe_json_dumps
+
+    for piece in json.JSONEncoder(indent=1, sort_keys=True).iterencode(told):
+        yield htmlsafe_json_dumps(piece, dumps=str)
 
 
 def richest(outcomes: list[Outcome]) -> Outcome | None:
