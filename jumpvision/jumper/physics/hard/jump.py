@@ -1,8 +1,8 @@
 """Exact jumps on hard ground (docs/physics.md section 2, m_f = 0): one jump in full, or the results of millions.
 
 Between lift-offs and landings the flow is linear and known in closed form (`arc`); only event times are iterated
-(`lanes`, `flow`). Velocity steps of the law are impulses: the centre of mass y = x_r + (m_m/M) X_m and its velocity do not
-jump, the rod's velocity jumps by -(m_m/M) times the step.
+(`lanes`, `flow`). Velocity steps of the law are impulses: the centre of mass y = x_r + (m_m/M) X_m and its velocity do
+not jump, the rod's velocity jumps by -(m_m/M) times the step.
 """
 
 from __future__ import annotations

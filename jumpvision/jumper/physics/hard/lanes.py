@@ -243,14 +243,8 @@ def step(st: Array) -> None:
     for lane in range(LANES):
         if st[ODD + lane] != 0.0:
             x, v, _, mx, mv, ma, mj = evaluate(arc_of(st, lane), st[S + lane], st[Q + lane], st[G + lane])
-            st[X + lane], st[V + lane], st[MX + lane], st[MV + lane], st[MA + lane], st[MJ + lane] = (
-                x,
-                v,
-                mx,
-                mv,
-                ma,
-                mj,
-            )
+            st[X + lane], st[V + lane] = x, v
+            st[MX + lane], st[MV + lane], st[MA + lane], st[MJ + lane] = mx, mv, ma, mj
     for lane in range(LANES):
         arc, q, g, sign, s = arc_of(st, lane), st[Q + lane], st[G + lane], st[SIGN + lane], st[S + lane]
         x, v, mv, ma, mj = st[X + lane], st[V + lane], st[MV + lane], st[MA + lane], st[MJ + lane]
