@@ -15,7 +15,10 @@ from test_report import KINDS, campaign_of, diagnosis_of, grains_into
 import jumpvision
 from jumpvision.cli import main
 from jumpvision.experiment.campaign.folder import jumps_table, write_jumps
-from jumpvision.report.figures.grains import band
+from jumpvision.experiment.results import fields
+from jumpvision.films.vision.piv.pair import MASKED, REASONS
+from jumpvision.report.figures.flows import became
+from jumpvision.report.figures.grains import band, busiest
 from jumpvision.report.style import ACCENT, COLUMN, GREEN, MAP, MEASURED, MODEL, PAGE, kind_of, lettered, printed, save
 from jumpvision.report.style import KINDS as LOOKS
 from jumpvision.thesis.catalogue import available
@@ -123,6 +126,23 @@ def test_the_grains_hold_the_fields(drawn):
     assert axis.lines[-1].get_ydata()[0] == 0.0
     # eq. (33) as the fit states it: dm/dz at the surface is the slope, 2 kg/m
     assert axis.lines[-1].get_ydata()[1] * 1e-3 / z[1] == pytest.approx(2.0, rel=0.02)
+
+
+def test_of_a_long_field_a_part_of_the_times_is_read_at_once(monkeypatch):
+    rng, shape = np.random.default_rng(3), (5, 7, 40)
+    made = {k: rng.normal(size=shape) for k in ("u", "v", "u_raw", "v_raw")}
+    made["u_raw"][rng.random(shape) < 0.1] = np.nan
+    made |= {"chc": rng.integers(-1, 2, shape), "reason": rng.integers(0, len(REASONS), shape)}
+    field = xr.Dataset({k: (("y", "x", "t"), v) for k, v in made.items()})
+    monkeypatch.setattr(fields, "AT_ONCE", 1)
+    worst, shares = became(field)
+    share = (made["chc"] > 0).sum((0, 1)) / (made["reason"] != MASKED).sum((0, 1))
+    speed = np.nanmean(made["u_raw"] ** 2 + made["v_raw"] ** 2, axis=(0, 1))
+    least = np.flatnonzero(share <= share.min() + 1e-9)
+    assert worst == least[np.argmax(speed[least])]
+    np.testing.assert_array_equal(shares, [(made["reason"] == k).mean((0, 1)) for k in range(len(REASONS))])
+    mean = np.where(made["chc"] > 0, np.hypot(made["u"], made["v"]), np.nan)
+    assert busiest(field) == np.argmax(np.nanmean(mean, axis=(0, 1)))
 
 
 def test_a_band_of_two_sigmas_holds_the_truth_in_95_of_100():

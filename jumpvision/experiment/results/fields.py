@@ -10,11 +10,14 @@ import math
 import shutil
 import tempfile
 import weakref
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+import numpy as np
+
+from jumpvision.base.arrays import AnyArray
 from jumpvision.base.attributes import as_attributes as as_attributes
 from jumpvision.base.attributes import attributes_of as attributes_of
 from jumpvision.base.record import Record, RecordError
@@ -115,6 +118,7 @@ class Piv(LongField):
 
 AXES = "y", "x", "t"
 TOGETHER = 16  # times that are compressed and written at once
+AT_ONCE = 2**17  # values of a variable that are read at once
 
 
 class Planes(Sequence["xr.Dataset"]):
@@ -137,6 +141,19 @@ class Planes(Sequence["xr.Dataset"]):
         if first != self._first:
             self._block, self._first = self.field.isel(t=slice(first, first + TOGETHER)).load(), first
         return self._block.isel(t=k - first)
+
+
+def by_time(
+    field: xr.Dataset, names: Sequence[str], of: Callable[[xr.Dataset], Sequence[xr.DataArray]]
+) -> list[AnyArray]:
+    """What `of` makes of fields over (y, x, t) with these variables, an array (t,) each.
+
+    Some AT_ONCE values of a variable are in memory at once, of however many.
+    """
+    read, n = field[list(names)], field.sizes["t"]
+    block = max(1, AT_ONCE // (field.sizes["y"] * field.sizes["x"] * TOGETHER)) * TOGETHER
+    made = [[a.values for a in of(read.isel(t=slice(k, k + block)).load())] for k in range(0, n, block)]
+    return [np.concatenate(parts) for parts in zip(*made)]
 
 
 def _append(file: Path, head: xr.Dataset, planes: Iterator[xr.Dataset]) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from jumpvision.base.arrays import Array
 from jumpvision.experiment.inputs.sections import NotApplicable
-from jumpvision.experiment.results.fields import Piv, Statistics
+from jumpvision.experiment.results.fields import Piv, Statistics, by_time
 from jumpvision.experiment.results.tables import Paths, Profiles
 from jumpvision.experiment.workflow.stage import stage
 from jumpvision.films.vision.piv.pair import MASKED, REASONS
@@ -44,11 +44,21 @@ class PathsPicture(Picture):
     file = "paths.png"
 
 
-def worst(field: xr.Dataset) -> int:
-    """Index of the time with the smallest share of measured vectors, of several the fastest."""
-    share = (field.chc > 0).sum(("y", "x")) / np.maximum((field.reason != MASKED).sum(("y", "x")), 1)
-    speed = (field.u_raw**2 + field.v_raw**2).mean(("y", "x")).fillna(0.0)
-    return int(speed.where(share <= share.min() + 1e-9, -1.0).argmax("t"))
+def became(field: xr.Dataset) -> tuple[int, Array]:
+    """Index of the time with the smallest share of measured vectors, of several the fastest; shares of the vectors, for
+    every reason of REASONS (k, t)."""
+
+    def of(f: xr.Dataset) -> list[xr.DataArray]:
+        plane = "y", "x"
+        share = (f.chc > 0).sum(plane) / np.maximum((f.reason != MASKED).sum(plane), 1)
+        return [
+            share,
+            (f.u_raw**2 + f.v_raw**2).mean(plane).fillna(0.0),
+            *((f.reason == k).mean(plane) for k in sorted(REASONS)),
+        ]
+
+    share, speed, *shares = by_time(field, ("chc", "reason", "u_raw", "v_raw"), of)
+    return int(np.argmax(np.where(share <= share.min() + 1e-9, speed, -1.0))), np.array(shares)
 
 
 @stage(version=3, picture=True)
@@ -60,7 +70,7 @@ def validation_picture(piv: Piv) -> ValidationPicture:
     if "u_raw" not in field or "reason" not in field:
         raise NotApplicable(["validation: a field of another program, without raw vectors"])
     factor, shown = (1e3, "mm") if piv.geometry.metric else (1.0, "px")
-    i = worst(field)
+    i, shares = became(field)
     f = field.isel(t=i).transpose("y", "x")
     x, y = f.x.values * factor, f.y.values * factor
     typical = float(np.nanquantile(np.hypot(f.u, f.v), 0.9)) or 1.0
@@ -68,7 +78,7 @@ def validation_picture(piv: Piv) -> ValidationPicture:
     few = np.s_[every // 2 :: every, every // 2 :: every]
     u, v = (np.clip(a.values, -LONGEST * typical, LONGEST * typical)[few] for a in (f.u_raw, f.v_raw))
     apart = every * abs(float(x[1] - x[0])) if len(x) > 1 else 1.0
-    present = [k for k in sorted(REASONS) if k != MASKED and (field.reason == k).any()]
+    present = {k: of for k, of in zip(sorted(REASONS), shares) if k != MASKED and of.any()}
     with styled() as Figure:
         figure = Figure(figsize=(9.6, 4.6), layout="constrained")
         left, right = figure.subplots(1, 2, width_ratios=(1.7, 1))
@@ -76,10 +86,9 @@ def validation_picture(piv: Piv) -> ValidationPicture:
         left.pcolormesh(x, y, f.reason.values, rasterized=True, **codes)
         at = np.meshgrid(x, y)[0][few], np.meshgrid(x, y)[1][few]
         left.quiver(*at, u, v, angles="xy", scale_units="xy", scale=typical / (1.5 * apart), width=0.003)
-        for k in present:
-            share = 100.0 * (field.reason == k).mean(("y", "x"))
+        for k, of in present.items():
             how = {"color": COLOURS[k] if k else QUIET, "label": fill(REASONS[k].split(":")[0], 40)}
-            right.plot(field.t, share, marker=".", ms=4, **how)
+            right.plot(field.t, 100.0 * of, marker=".", ms=4, **how)
         left.set(title=f"raw vectors, t = {float(f.t):.4g} s", xlabel=f"x [{shown}]", ylabel=f"y [{shown}] (up)")
         left.set_aspect("equal")
         left.grid(False)

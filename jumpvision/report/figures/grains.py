@@ -9,7 +9,7 @@ import numpy as np
 
 from jumpvision.base.arrays import AnyArray
 from jumpvision.experiment.inputs.sections import Calibration, GrainVideo, PivField
-from jumpvision.experiment.results.fields import Column, Flow, Piv
+from jumpvision.experiment.results.fields import Column, Flow, Piv, by_time
 from jumpvision.experiment.results.values import Fits
 from jumpvision.experiment.stages.recordings import open_grains
 from jumpvision.experiment.workflow.stage import stage
@@ -35,8 +35,11 @@ class FlowPicture(Picture):
 
 def busiest(field: xr.Dataset) -> int:
     """Index of the frame with the largest mean speed."""
-    speed = np.hypot(field.u, field.v).where(field.chc > 0).mean(("y", "x"))
-    return int(speed.fillna(0).argmax("t"))
+
+    def of(f: xr.Dataset) -> list[xr.DataArray]:
+        return [np.hypot(f.u, f.v).where(f.chc > 0).mean(("y", "x")).fillna(0)]
+
+    return int(np.argmax(by_time(field, ("u", "v", "chc"), of)[0]))
 
 
 @stage(version=3, picture=True)
