@@ -223,7 +223,7 @@ def test_terms_as_addresses():
 def test_the_page_says_how_to_cite(campaign):
     from jumpvision.report.pages.page import template
 
-    text = template("experiment.html.j2").render(provenance={"citation": "Doe 2024", "license": "CC0-1.0"})
+    text = template("experiment.html.j2").render(citation="Doe 2024", license="CC0-1.0")
     assert "<p>Recordings: Doe 2024 (CC0-1.0)</p>" in text
 
 

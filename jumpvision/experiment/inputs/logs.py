@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from functools import lru_cache
@@ -10,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jumpvision.base.schema import InputError, closest
-from jumpvision.base.storage import irregular
+from jumpvision.base.storage import irregular, settled, stamp
 
 from .channels import BAGS, READERS
 from .held import Channel, Held, tell
@@ -42,11 +43,12 @@ def read_log(
     path, start = (log, 0.0) if isinstance(log, Path) else (log.path, getattr(log, "start", 0.0))
     called = () if isinstance(log, Path) else tuple(log.called.items())
     asked = path, columns, optional, called, getattr(log, "rate", None), start, at_least, ordered
-    if path.suffix.lower() != ".csv" or irregular(path) or not 0 < (stat := path.stat()).st_size < SMALL:
+    if path.suffix.lower() != ".csv" or irregular(path) or not 0 < path.stat().st_size < SMALL:
         return pd.DataFrame(_read(*asked))
     if not _ended(path) or is_tracker(path):
         return pd.DataFrame(_read(*asked))  # each time it may say what to know of it
-    return pd.DataFrame(_kept(*asked, (stat.st_ino, stat.st_mtime_ns, stat.st_size)))
+    at = stamp(path)
+    return pd.DataFrame(_kept(*asked, at) if settled(at, time.time()) else _read(*asked))
 
 
 @lru_cache(8)  # the stages of an experiment ask for its logs some eight times
