@@ -151,3 +151,15 @@ def test_units_of_parameters():
     assert unit_of("m", 1, "s", -2) == "m/s²" and unit_of("m/s", 1, "s", -1) == "m/s²"
     assert unit_of("m", 1, "m", -1) == "" and unit_of("m", 0, "s", -1) == "1/s"
     assert unit_of("m²/s²", 1, "m", -1) == "m/s²"
+
+
+@pytest.mark.parametrize(("width", "order", "deriv"), [(5, 2, 0), (9, 2, 2), (31, 3, 1), (41, 4, 0)])
+def test_local_polynomials_are_those_of_scipy(width, order, deriv):
+    from scipy.signal import savgol_coeffs, savgol_filter
+
+    from jumpvision.estimate.local import local_polynomial
+
+    y, how = np.random.default_rng(2).normal(size=120), {"deriv": deriv, "delta": 0.02}
+    got, sigma = local_polynomial(y, width, order, **how)
+    np.testing.assert_allclose(got, savgol_filter(y, width, order, **how), rtol=1e-9, atol=1e-12 * np.ptp(got))
+    assert sigma == pytest.approx(np.linalg.norm(savgol_coeffs(width, order, **how)), rel=1e-12)

@@ -17,7 +17,7 @@ from jumpvision.cli import main
 from jumpvision.experiment.campaign.folder import jumps_table, write_jumps
 from jumpvision.experiment.results import fields
 from jumpvision.films.vision.piv.pair import MASKED, REASONS
-from jumpvision.report.figures.flows import became
+from jumpvision.report.figures.flows import worst_and_shares
 from jumpvision.report.figures.grains import band, busiest
 from jumpvision.report.style import ACCENT, COLUMN, GREEN, MAP, MEASURED, MODEL, PAGE, kind_of, lettered, printed, save
 from jumpvision.report.style import KINDS as LOOKS
@@ -135,7 +135,7 @@ def test_of_a_long_field_a_part_of_the_times_is_read_at_once(monkeypatch):
     made |= {"chc": rng.integers(-1, 2, shape), "reason": rng.integers(0, len(REASONS), shape)}
     field = xr.Dataset({k: (("y", "x", "t"), v) for k, v in made.items()})
     monkeypatch.setattr(fields, "AT_ONCE", 1)
-    worst, shares = became(field)
+    worst, shares = worst_and_shares(field)
     share = (made["chc"] > 0).sum((0, 1)) / (made["reason"] != MASKED).sum((0, 1))
     speed = np.nanmean(made["u_raw"] ** 2 + made["v_raw"] ** 2, axis=(0, 1))
     least = np.flatnonzero(share <= share.min() + 1e-9)

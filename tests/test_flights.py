@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 import jumpvision as jv
 from benchmarks.flights import MODELLED, MUST, ball, filmed, jumper, matched, right_count
-from jumpvision.estimate.flight import Ring, in_flight, restitution, track_flights
+from jumpvision.estimate.flight import Ring, in_flight, restitution, segments, track_flights
 from jumpvision.estimate.flight.beyond import Beyond, Drive
 
 G = 9.81
@@ -226,6 +226,27 @@ def test_flights_of_a_table_of_arrays_and_what_they_refuse():
         jv.flights(t[::-1], h)
     with pytest.raises(ValueError, match="must be > 0"):
         jv.flights(t, h, 0.0)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-7, 1e-4])
+def test_the_search_for_segments_stops_where_nothing_further_back_is_cheaper(noise, monkeypatch):
+    # the same code without the stop, uncompiled: kinds, places and costs are the same bits
+    rng = np.random.default_rng(8)
+    t = np.arange(240) * 2e-3
+    for _ in range(3):
+        turns = np.sort(rng.uniform(0.05, 0.43, 3))
+        y = sum((k - 1.0) * 9.81 * np.maximum(t - at, 0.0) ** 2 for k, at in enumerate(turns)) + 0.3 * t
+        y = y + 1e-3 * np.sin(60.0 * t) + noise * rng.normal(size=t.size)
+        asked: list[tuple] = []
+        least = segments._least
+        monkeypatch.setattr(segments, "_least", lambda *a, asked=asked, least=least: asked.append(a) or least(*a))
+        segments._partition(t, y, np.full(t.size, max(noise, 1e-7) ** -2), np.arange(0, t.size, 3), 9.81)
+        monkeypatch.undo()
+        with monkeypatch.context() as whole:
+            whole.setattr(segments, "LOST", math.inf)
+            slow = least.py_func(*asked[0])
+        for a, b in zip(least(*asked[0]), slow, strict=True):
+            np.testing.assert_array_equal(a, b)
 
 
 def test_time_grows_with_the_records_length():

@@ -248,7 +248,7 @@ def test_a_new_frame_of_a_folder_is_seen(tmp_path):
     folder.mkdir()
     (folder / "a.png").write_text("a")
     files = {str(folder / "a.png"): packed("00" * 32, storage.stamp(folder / "a.png"))}
-    noted = {"foreign": [], "recordings": {str(folder): unchanged._told_of(files, math.inf)}, "files": {}}
+    noted = {"foreign": [], "recordings": {str(folder): unchanged._files_noted(files, math.inf)}, "files": {}}
     assert unchanged._same(noted, tmp_path, time.time())
     (folder / "b.png").write_text("b")
     assert not unchanged._same(noted, tmp_path, time.time())

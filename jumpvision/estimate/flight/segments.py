@@ -18,7 +18,7 @@ LOOK_BACK = 96  # nodes that a segment may reach back
 ABOUT = 12  # samples on either side of a change, which it may move to
 LIKE = 0.003  # of gravity: by how much lens, air and tilt may change the curvature of what is a flight all the same
 RARE = 50.0  # a motion of constant curvature is one of gravity's, this many to one, before it is looked at
-SURELY, LOST = 0.99, 1e-11  # what is sure of a chi^2, and how much of the sum of squares behind it rounding may lose
+LOST = 1e-11  # of the sum of squares: what rounding may take from a chi^2, a difference of up to 96 nodes' sums
 ALLOWED = 1e-3  # chance that a stretch of one parabola is looked into further
 
 
@@ -67,7 +67,8 @@ def _least(t: Array, blocks: Array, nodes: Index, gravity: float, price: float) 
             cost, kind, curved = _cheapest(sums, nodes[j + 1] - nodes[k], gravity, price)
             if best[k] + cost < best[j + 1]:
                 best[j + 1], back[j], kinds[j] = best[k] + cost, k, kind
-            if least[k] + SURELY * curved - LOST * sums[8] > best[j + 1]:  # through more of it no curve costs less
+            # a segment from further back has at least this chi^2, whatever its kind
+            if least[k] + curved - LOST * sums[8] > best[j + 1]:
                 break
         least[j + 1] = min(least[j], best[j + 1])
     return best, back, kinds

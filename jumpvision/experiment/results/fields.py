@@ -146,9 +146,9 @@ class Planes(Sequence["xr.Dataset"]):
 def by_time(
     field: xr.Dataset, names: Sequence[str], of: Callable[[xr.Dataset], Sequence[xr.DataArray]]
 ) -> list[AnyArray]:
-    """What `of` makes of fields over (y, x, t) with these variables, an array (t,) each.
+    """What `of` gives for a field over (y, x, t) with these variables: arrays over its times, (t,) each.
 
-    Some AT_ONCE values of a variable are in memory at once, of however many.
+    A long field is read part by part: of each variable about AT_ONCE values are in memory.
     """
     read, n = field[list(names)], field.sizes["t"]
     block = max(1, AT_ONCE // (field.sizes["y"] * field.sizes["x"] * TOGETHER)) * TOGETHER

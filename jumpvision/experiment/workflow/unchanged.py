@@ -60,7 +60,7 @@ def note(workspace: Workspace, key: str, told: Toml) -> None:
     foreign = {s.output.file for s in STAGES.values()} - workspace.outputs.keys()
     content = {
         "key": key,
-        "recordings": {str(path): _told_of(files, at) for path, files in workspace.recordings.items()},
+        "recordings": {str(path): _files_noted(files, at) for path, files in workspace.recordings.items()},
         "files": {str(f.absolute()): (*seen, digest) for f, seen, digest in files},
         "foreign": sorted(foreign.difference(os.listdir(results))),
         "told": told,
@@ -69,13 +69,13 @@ def note(workspace: Workspace, key: str, told: Toml) -> None:
     os.utime(memory(workspace.cache, NOTES, results), (at, at))
 
 
-def _told_of(files: Mapping[str, bytes], at: float) -> tuple[str, dict[str, str]]:
-    """Of the files of a recording, packed: `_all_of` them, and the SHA-256 of those that their stamp may not tell."""
+def _files_noted(files: Mapping[str, bytes], at: float) -> tuple[str, dict[str, str]]:
+    """Of the files of a recording, packed: their `_digest`, and the SHA-256 of those whose stamp may miss a change."""
     late = {f: unpacked(both)[0] for f, both in files.items() if not settled(unpacked(both)[1], at)}
-    return _all_of((f, unpacked(both)[1]) for f, both in files.items()), late
+    return _digest((f, unpacked(both)[1]) for f, both in files.items()), late
 
 
-def _all_of(files: Iterable[tuple[str, Stamp]]) -> str:
+def _digest(files: Iterable[tuple[str, Stamp]]) -> str:
     """Digest of names and stamps: a film of pictures has 100,000."""
     found = hashlib.sha256()
     for each in files:
@@ -102,7 +102,7 @@ def _same(found: Toml, results: Path, at: float) -> bool:
     if not set(found["foreign"]).isdisjoint(os.listdir(results)):
         return False
     for path, (noted, late) in found["recordings"].items():
-        if _all_of((str(f), stamp(f)) for f in recording_files(Path(path))) != noted:
+        if _digest((str(f), stamp(f)) for f in recording_files(Path(path))) != noted:
             return False
         if any(not settled(stamp(f), at) and sha256(Path(f)) != digest for f, digest in late.items()):
             return False

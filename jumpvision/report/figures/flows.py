@@ -44,7 +44,7 @@ class PathsPicture(Picture):
     file = "paths.png"
 
 
-def became(field: xr.Dataset) -> tuple[int, Array]:
+def worst_and_shares(field: xr.Dataset) -> tuple[int, Array]:
     """Index of the time with the smallest share of measured vectors, of several the fastest; shares of the vectors, for
     every reason of REASONS (k, t)."""
 
@@ -70,7 +70,7 @@ def validation_picture(piv: Piv) -> ValidationPicture:
     if "u_raw" not in field or "reason" not in field:
         raise NotApplicable(["validation: a field of another program, without raw vectors"])
     factor, shown = (1e3, "mm") if piv.geometry.metric else (1.0, "px")
-    i, shares = became(field)
+    i, shares = worst_and_shares(field)
     f = field.isel(t=i).transpose("y", "x")
     x, y = f.x.values * factor, f.y.values * factor
     typical = float(np.nanquantile(np.hypot(f.u, f.v), 0.9)) or 1.0
@@ -78,7 +78,7 @@ def validation_picture(piv: Piv) -> ValidationPicture:
     few = np.s_[every // 2 :: every, every // 2 :: every]
     u, v = (np.clip(a.values, -LONGEST * typical, LONGEST * typical)[few] for a in (f.u_raw, f.v_raw))
     apart = every * abs(float(x[1] - x[0])) if len(x) > 1 else 1.0
-    present = {k: of for k, of in zip(sorted(REASONS), shares) if k != MASKED and of.any()}
+    present = {k: share for k, share in zip(sorted(REASONS), shares) if k != MASKED and share.any()}
     with styled() as Figure:
         figure = Figure(figsize=(9.6, 4.6), layout="constrained")
         left, right = figure.subplots(1, 2, width_ratios=(1.7, 1))
@@ -86,9 +86,9 @@ def validation_picture(piv: Piv) -> ValidationPicture:
         left.pcolormesh(x, y, f.reason.values, rasterized=True, **codes)
         at = np.meshgrid(x, y)[0][few], np.meshgrid(x, y)[1][few]
         left.quiver(*at, u, v, angles="xy", scale_units="xy", scale=typical / (1.5 * apart), width=0.003)
-        for k, of in present.items():
+        for k, share in present.items():
             how = {"color": COLOURS[k] if k else QUIET, "label": fill(REASONS[k].split(":")[0], 40)}
-            right.plot(field.t, 100.0 * of, marker=".", ms=4, **how)
+            right.plot(field.t, 100.0 * share, marker=".", ms=4, **how)
         left.set(title=f"raw vectors, t = {float(f.t):.4g} s", xlabel=f"x [{shown}]", ylabel=f"y [{shown}] (up)")
         left.set_aspect("equal")
         left.grid(False)

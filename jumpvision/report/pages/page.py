@@ -263,11 +263,11 @@ def write_experiment(
 SHOWN = ("citation", "license", "command", "versions", "inputs", "parameters")  # of provenance.json
 
 
-def in_pieces(told: Mapping[str, object]) -> Iterator[Markup]:
+def in_pieces(content: Mapping[str, object]) -> Iterator[Markup]:
     """JSON for a page, as the filter `tojson` gives it, piece by piece."""
     from jinja2.utils import htmlsafe_json_dumps
 
-    for piece in json.JSONEncoder(indent=1, sort_keys=True).iterencode(told):
+    for piece in json.JSONEncoder(indent=1, sort_keys=True).iterencode(content):
         yield htmlsafe_json_dumps(piece, dumps=str)
 
 

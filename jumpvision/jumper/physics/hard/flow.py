@@ -57,6 +57,7 @@ if TYPE_CHECKING:
 GRAZE = 1e-6  # m/s
 RAW = 10  # numbers of a jump, as `follow_jumps` has them
 _ROWS = range(SIZE, SIZE + 21 * LANES, LANES)
+ROOM = _ROWS.stop
 # number among the laws and the piece it is in (-1: none); counts; 1 in the air
 JUMP, PIECE, N_ARCS, N_FLIGHTS, N_JUMPS, AIRBORNE = _ROWS[:6]
 W2, GAM, KEEP = _ROWS[6:9]  # w0^2, gamma, sqrt(1 - e)
@@ -64,9 +65,10 @@ TAU, LENGTH, MOTOR_V = _ROWS[9:12]  # time into the piece, its length [s]; the m
 REST, COM = _ROWS[12:14]  # y at rest, greatest rise of y while the law runs [m]
 FIRST, LONGEST, LIFT, LIFT_V, LANDING_V = _ROWS[14:19]  # first and last lift-off, longest flight [s]; speeds [m/s]
 START_Y, START_YV = _ROWS[19:]  # of the arc
+_FROM_ZERO = (N_ARCS, N_FLIGHTS, N_JUMPS, AIRBORNE, TAU, LENGTH, MOTOR_V, LONGEST, LIFT, LIFT_V, LANDING_V)
 
 
-def _lent(typing: Typing, array: types.Array) -> tuple[Signature, Callable[..., Value]]:
+def _unowned(typing: Typing, array: types.Array) -> tuple[Signature, Callable[..., Value]]:
     """The array without its count of owners, which every inlined call that is given it would move up and down: a fifth
     of the time. Whoever made it holds it meanwhile."""
 
@@ -78,7 +80,7 @@ def _lent(typing: Typing, array: types.Array) -> tuple[Signature, Callable[..., 
     return array(array), code
 
 
-lent: Callable[[Array], Array] = intrinsic(_lent)  # type: ignore[assignment]
+unowned: Callable[[Array], Array] = intrinsic(_unowned)  # type: ignore[assignment]
 
 
 @nb.njit(**INLINE)
@@ -102,30 +104,22 @@ def _set_up(st: Array, lane: int, i: int, laws: Array, robots: Array, t_end: flo
     """Jump i of follow_jumps, from rest, in a lane: its numbers in st, its law in rows lane (r + 1) on of pieces."""
     n, columns, at, j = laws.shape[1], laws.shape[2], lane * (laws.shape[1] + 1), min(i, robots.shape[1] - 1)
     for k in range(n):
-        for m in range(9):
-            from_law = m < 3 or m >= 12 - columns
-            pieces[at + k, m] = laws[i, k, m if m < 3 else m - 9 + columns] if from_law else 0.0
+        for m in range(3):
+            pieces[at + k, m], pieces[at + k, 6 + m] = laws[i, k, m], laws[i, k, columns - 3 + m]
+            pieces[at + k, 3 + m] = laws[i, k, 3 + m] if columns == 9 else 0.0
     for m in range(9):  # the motor at rest
         pieces[at + n, m] = 0.0
     pieces[at + n, 0], pieces[at + n, 1] = pieces[at + n - 1, 1], t_end
     mass = robots[0, j] + robots[1, j]
     q, g, w2 = robots[0, j] / mass, robots[4, j], robots[2, j] / mass
-    st[Q + lane], st[G + lane], st[W2 + lane], st[GAM + lane], st[KEEP + lane] = (
-        q,
-        g,
-        w2,
-        0.5 * robots[3, j] / mass,
-        math.sqrt(1.0 - robots[5, j]),
-    )
+    st[Q + lane], st[G + lane], st[W2 + lane] = q, g, w2
+    st[GAM + lane], st[KEEP + lane] = 0.5 * robots[3, j] / mass, math.sqrt(1.0 - robots[5, j])
     for k in _FROM_ZERO:
         st[k + lane] = 0.0
     for k in (HEIGHT, FORCE, POWER):
         st[BEST + k + lane] = -math.inf
     st[X + lane], st[V + lane], st[BUSY + lane] = -g / w2, 0.0, 1.0
     st[JUMP + lane], st[PIECE + lane], st[FIRST + lane] = i, -1, math.nan
-
-
-_FROM_ZERO = (N_ARCS, N_FLIGHTS, N_JUMPS, AIRBORNE, TAU, LENGTH, MOTOR_V, LONGEST, LIFT, LIFT_V, LANDING_V)
 
 
 @nb.njit(**INLINE)
@@ -220,8 +214,8 @@ def _proceed(st: Array, lane: int, pieces: Array, n: int, rows: Array, flights: 
 
 
 @nb.njit(**INLINE)
-def _see_to(st: Array, lane: int) -> bool:
-    """What a step of a lane asks for; False: its arc is over."""
+def _after_step(st: Array, lane: int) -> bool:
+    """Crests of the last step; False: the lane's arc is over."""
     todo = int(st[ENDED + lane])
     crests, which = todo & 7 * CREST, HEIGHT
     while crests:
@@ -246,6 +240,13 @@ def _count(st: Array, lane: int, motor_at_rest: float, i: int, out: Array) -> No
     out[6, i], out[7, i], out[8, i] = st[LONGEST + lane], st[BEST + POWER + lane], st[BEST + FORCE + lane]
 
 
+@nb.njit(**INLINE)
+def numbers(out: Array, i: int) -> tuple[float, ...]:
+    """Column i of what follow_jumps gives."""
+    o = out
+    return o[0, i], o[1, i], o[2, i], o[3, i], o[4, i], o[5, i], o[6, i], o[7, i], o[8, i], o[9, i]
+
+
 @nb.njit(**KERNEL)
 def follow_jumps(
     first: int, last: int, laws: Array, robots: Array, t_end: float, rows: Array, flights: Array, out: Array
@@ -262,17 +263,17 @@ def follow_jumps(
     duration of the longest flight that ends after the forcing [s], the peaks of F_m X_m'/m_m and F_m/m_m during the
     forcing, and whether the robot is in the air at the end.
     """
-    r = laws.shape[1]
-    own_st, own_pieces = np.zeros(SIZE + 21 * LANES), np.zeros((LANES * (r + 1), 9))
-    st, pieces, rows, flights = lent(own_st), lent(own_pieces), lent(rows), lent(flights)
-    for lane in range(LANES):
+    r, lanes = laws.shape[1], min(LANES, last - first)
+    own_st, own_pieces = np.zeros(ROOM), np.zeros((lanes * (r + 1), 9))
+    st, pieces, rows, flights = unowned(own_st), unowned(own_pieces), unowned(rows), unowned(flights)
+    for lane in range(lanes):
         st[JUMP + lane], st[ENDED + lane] = -1, END  # a lane without a jump asks for one
-    begun, busy = first, LANES
+    begun, busy = first, lanes
     while busy > 0:
-        for lane in range(LANES):
+        for lane in range(lanes):
             if st[ENDED + lane] == 0.0:
                 continue
-            going = st[JUMP + lane] >= 0.0 and _see_to(st, lane)
+            going = st[JUMP + lane] >= 0.0 and _after_step(st, lane)
             while not going:
                 if st[JUMP + lane] < 0.0:
                     if begun == last:
@@ -286,5 +287,5 @@ def follow_jumps(
                     _count(st, lane, pieces[lane * (r + 1) + r, 2], int(st[JUMP + lane]) - first, out)
                     st[JUMP + lane] = -1
         if busy > 0:
-            step(st)
+            step(st, lanes)
     own_st[0], own_pieces[0, 0] = 0.0, 0.0  # held until here

@@ -21,7 +21,7 @@ from jumpvision.jumper.physics.forcing import KERNEL, Forcing, Segments
 from jumpvision.jumper.physics.oscillator import natural_frequency
 
 from .arc import AIR, ARC_SIZE, KIND, evaluate
-from .flow import RAW, follow_jumps, motor
+from .flow import RAW, follow_jumps, motor, numbers
 
 # name: unit, lowest, whether the lowest itself is allowed
 RANGES = {
@@ -357,9 +357,9 @@ def _sweep(first: int, last: int, laws: Array, robots: Array, out: Array) -> Non
     for i in range(first, last):
         j = min(i, robots.shape[1] - 1)
         motor_mass, g = robots[0, j], robots[4, j]
-        k = i - first
-        out[0, i], out[1, i], out[2, i], out[3, i] = raw[4, k], g * raw[6, k] ** 2 / 8.0, raw[5, k], raw[2, k]
-        out[4, i], out[5, i], out[6, i] = raw[3, k] - laws[i, 0, 0], motor_mass * raw[7, k], motor_mass * raw[8, k]
+        _, _, n_jumps, lifted, com, rod, longest, power, force, _ = numbers(raw, i - first)
+        out[0, i], out[1, i], out[2, i], out[3, i] = com, g * longest * longest / 8.0, rod, n_jumps
+        out[4, i], out[5, i], out[6, i] = lifted - laws[i, 0, 0], motor_mass * power, motor_mass * force
         peak = 0.0
         for r in range(laws.shape[1]):
             law = laws[i, r]

@@ -47,8 +47,8 @@ from .arc import (
 )
 
 State = tuple[float, float, float, float, float, float, float]  # x, x', x'' of the rod, X, X', X'', X''' of the motor
-Known = tuple[float, float, float, float]  # a quantity and three derivatives
-LANES = 16  # with 8, what one loop writes is too near to what it reads
+Derived = tuple[float, float, float, float]  # a quantity and three derivatives
+LANES = 16  # at most; with 8, rows of st lie too near for a loop to take several lanes at once
 HEIGHT, FORCE, POWER = 0, LANES, 2 * LANES
 # three rows each: the quantities with two derivatives, now and a step before, the greatest so far, whether crests count
 VALUE, RATE, BEND, VALUE_BEFORE, RATE_BEFORE, BEND_BEFORE, BEST, WATCHED = (
@@ -154,14 +154,14 @@ def nearer(f: float, f1: float, f2: float, j: float, h: float) -> tuple[float, b
 
 
 @nb.njit(**INLINE)
-def height_at(at: State, arc: Arc, q: float) -> Known:
+def height_at(at: State, arc: Arc, q: float) -> Derived:
     """x + q X with three derivatives."""
     x, v, a, mx, mv, ma, _ = at
     return x + q * mx, v + q * mv, a + q * ma, -2.0 * arc[GAMMA] * a - arc[W2] * v
 
 
 @nb.njit(**INLINE)
-def force_at(at: State, s: float, arc: Arc, q: float, g: float) -> Known:
+def force_at(at: State, s: float, arc: Arc, q: float, g: float) -> Derived:
     """F_m / m_m = x'' + X'' + g with three derivatives."""
     _, v, a, _, _, ma, mj = at
     c, w, om2 = 2.0 * arc[GAMMA], arc[W2], arc[OMEGA] * arc[OMEGA]
@@ -173,7 +173,7 @@ def force_at(at: State, s: float, arc: Arc, q: float, g: float) -> Known:
 
 
 @nb.njit(**INLINE)
-def power_at(force: Known, at: State, s: float, arc: Arc) -> Known:
+def power_at(force: Derived, at: State, s: float, arc: Arc) -> Derived:
     """F_m X_m' / m_m with three derivatives, of the force's."""
     f, f1, f2, f3 = force
     _, _, _, _, mv, ma, mj = at
@@ -195,8 +195,8 @@ def _is_still(x: float, v: float, w2: float, g: float) -> bool:
 
 
 @nb.njit(**INLINE)
-def _noted(st: Array, which: int, lane: int, known: Known) -> float:
-    """1.0 where the greatest value of a quantity on the step may be a crest within; keeps the quantity."""
+def _may_hold_a_crest(st: Array, which: int, lane: int, known: Derived) -> float:
+    """Keeps a quantity; 1.0 where the greatest value so far may be a crest within the step."""
     k, (y1, r1, bend, _) = which + lane, known
     y0, r0 = st[VALUE + k], st[RATE + k]
     st[VALUE_BEFORE + k], st[RATE_BEFORE + k], st[BEND_BEFORE + k] = y0, r0, st[BEND + k]
@@ -210,9 +210,9 @@ def _noted(st: Array, which: int, lane: int, known: Known) -> float:
 
 
 @nb.njit(**KERNEL)
-def step(st: Array) -> None:
-    """One safe step of every lane; ENDED says what is to be done about it then."""
-    for lane in range(LANES):
+def step(st: Array, lanes: int) -> None:
+    """One safe step of every lane that is used; ENDED says what is to be done about it then."""
+    for lane in range(lanes):
         sign, cap = st[SIGN + lane], min(st[CAP + lane], st[LEFT + lane] - st[S + lane])
         st[F + lane], st[F1 + lane], st[F2 + lane] = (
             min(sign * st[X + lane], 0.0),
@@ -223,7 +223,7 @@ def step(st: Array) -> None:
         st[H + lane], st[ENDED + lane] = h, 1.0 if going else 0.0
     for _ in range(100):
         some = 0
-        for lane in range(LANES):
+        for lane in range(lanes):
             h, again = nearer(st[F + lane], st[F1 + lane], st[F2 + lane], st[JERK * LANES + lane], st[H + lane])
             going = st[ENDED + lane] > 0.0
             st[H + lane] = h if going else st[H + lane]
@@ -232,7 +232,7 @@ def step(st: Array) -> None:
             some |= 1 if going else 0
         if not some:
             break
-    for lane in range(LANES):
+    for lane in range(lanes):
         arc, s0, left = arc_of(st, lane), st[S + lane], st[LEFT + lane]
         h = min(st[H + lane], min(st[CAP + lane], left - s0))
         s = min(max(s0 + h, s0 * (1.0 + 4e-16) + 1e-18), left)
@@ -240,21 +240,21 @@ def step(st: Array) -> None:
         sin, cos = sincos_near(arc[OMEGA] * s + arc[PHASE])
         st[MX + lane], st[MV + lane], st[MA + lane], st[MJ + lane] = motor_at(arc, s, sin, cos)
         st[X + lane], st[V + lane] = rod_near(arc, s, sin, cos)
-    for lane in range(LANES):
+    for lane in range(lanes):
         if st[ODD + lane] != 0.0:
             x, v, _, mx, mv, ma, mj = evaluate(arc_of(st, lane), st[S + lane], st[Q + lane], st[G + lane])
             st[X + lane], st[V + lane] = x, v
             st[MX + lane], st[MV + lane], st[MA + lane], st[MJ + lane] = mx, mv, ma, mj
-    for lane in range(LANES):
+    for lane in range(lanes):
         arc, q, g, sign, s = arc_of(st, lane), st[Q + lane], st[G + lane], st[SIGN + lane], st[S + lane]
         x, v, mv, ma, mj = st[X + lane], st[V + lane], st[MV + lane], st[MA + lane], st[MJ + lane]
         a = acceleration(arc, x, v, ma, q, g)
         st[A + lane] = a
         at = (x, v, a, st[MX + lane], mv, ma, mj)
         force = force_at(at, s, arc, q, g)
-        todo = float(CREST) * _noted(st, HEIGHT, lane, height_at(at, arc, q))
-        todo += 2.0 * CREST * _noted(st, FORCE, lane, force)
-        todo += 4.0 * CREST * _noted(st, POWER, lane, power_at(force, at, s, arc))
+        todo = float(CREST) * _may_hold_a_crest(st, HEIGHT, lane, height_at(at, arc, q))
+        todo += 2.0 * CREST * _may_hold_a_crest(st, FORCE, lane, force)
+        todo += 4.0 * CREST * _may_hold_a_crest(st, POWER, lane, power_at(force, at, s, arc))
         crossed = (sign * v > 0.0) & (sign * x >= -_rounding(arc, s))
         # the first crest of a free ring-down is its highest
         settled = (st[MOVING + lane] == 0.0) & (
