@@ -5,7 +5,6 @@ from __future__ import annotations
 import http.client
 import json
 import math
-import os
 import signal
 import subprocess
 import sys
@@ -15,6 +14,7 @@ import urllib.request
 from urllib.parse import quote
 
 import pytest
+from pace import in_time
 
 from jumpvision.base.schema import InputError
 from jumpvision.browser.demo import controls
@@ -480,8 +480,6 @@ def test_no_serious_finding_of_axe(open_page, language, scheme):
 @pytest.mark.long
 def test_every_control_is_answered_within_a_tenth_of_a_second(open_page):
     """From a slider's event to the second frame after the numbers have changed, p95 over the sliders that do so."""
-    if os.getloadavg()[0] > 3.5 * (os.cpu_count() or 1):
-        pytest.skip(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores: times would be those of other programs")
     page = open_page(reduced_motion="reduce", bypass_csp=True)
     move = """async () => {
       const frame = () => new Promise(requestAnimationFrame), out = [];
@@ -501,8 +499,13 @@ def test_every_control_is_answered_within_a_tenth_of_a_second(open_page):
     for ground, least in (("hard", 30), ("granular", 40)):
         page.locator(f"input[value={ground}]").check(force=True)
         page.wait_for_timeout(500)  # its map goes on meanwhile
-        times = page.evaluate(move)
-        assert len(times) >= least and sorted(times)[int(0.95 * len(times))] < 100.0
+
+        def p95(least: int = least) -> float:
+            times = page.evaluate(move)
+            assert len(times) >= least
+            return sorted(times)[int(0.95 * len(times))]
+
+        in_time(p95, 100.0)
 
 
 def test_the_exported_page_works_from_a_folder_without_a_server(browser, tmp_path):

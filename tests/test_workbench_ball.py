@@ -12,8 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pace import in_time
 from scipy.stats import chi2
-from test_workbench import Page, asked, falling, hard, in_time, served, until  # noqa: F401 (served, hard: fixtures)
+from test_workbench import Page, asked, falling, hard, served, until  # noqa: F401 (served, hard: fixtures)
 
 from jumpvision.base.schema import InputError
 from jumpvision.browser.workbench.bench import Benches
