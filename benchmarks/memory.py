@@ -63,7 +63,8 @@ def peak(n: int) -> float:
 def work(folder: str) -> None:
     from jumpvision.cli import main
 
-    main(["run", folder, "--results", folder + "/results", "--workers", "1"])
+    sys.argv = ["jumpvision", "run", folder, "--results", folder + "/results", "--workers", "1"]
+    main()
     print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
 
 

@@ -1,4 +1,4 @@
-"""Times that a hand waits, judged by the pace of the machine at that moment."""
+"""What a hand waits for: times judged by the pace of the machine at that moment, and a page's last answer."""
 
 from __future__ import annotations
 
@@ -29,3 +29,27 @@ def in_time(measure: Callable[[], float], limit: float, tries: int = 3) -> None:
         if time_ms <= limit * took[-1][1]:
             return
     raise AssertionError(f"limit {limit:g} ms; (time, times slower than the machine of the limit): {took}")
+
+
+class Questions:
+    """What a page has asked its server, to be made before it asks."""
+
+    def __init__(self, page) -> None:
+        self.page, self.open, self.asked = page, set(), 0
+        page.on("request", self._begun)
+        for end in ("requestfinished", "requestfailed"):
+            page.on(end, lambda request: self.open.discard(request))
+
+    def _begun(self, request) -> None:
+        self.open.add(request)
+        self.asked += 1
+
+    def answered(self, rest_ms: float = 400.0, limit_s: float = 60.0) -> None:
+        """Waits until all is answered and nothing more is asked for a while: a control asks when it has rested."""
+        end = time.monotonic() + limit_s
+        while True:
+            asked = self.asked
+            self.page.wait_for_timeout(rest_ms)  # it is while the page is waited for that its events arrive
+            if not self.open and self.asked == asked:
+                return
+            assert time.monotonic() < end, f"still unanswered: {[r.url for r in self.open]}"

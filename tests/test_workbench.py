@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import pytest
 from conftest import SAMPLES
-from pace import in_time
+from pace import Questions, in_time
 
 from jumpvision.base.schema import InputError
 from jumpvision.browser.workbench.bench import Benches
@@ -411,6 +411,7 @@ class Page:
         self.page, self.clicks, self.said = context.new_page(), 0, []
         self.page.on("console", lambda m: self.said.append(m.text))
         self.page.on("pageerror", lambda e: self.said.append(str(e)))
+        self.questions = Questions(self.page)
         self.page.goto(server.address)
         self.until("!!window.workbench?.ready")
         self.until("workbench.store.looked || workbench.store.section !== 'rod_video'")

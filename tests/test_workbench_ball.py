@@ -209,7 +209,7 @@ def test_the_cross_is_moved_and_turned_and_the_command_line_repeats_it(opened):
     p.click("#tab-plot")
     p.until("!!workbench.store.columns?.table.x_m")
     p.until("workbench.store.table.calibration?.tilt === workbench.store.draft.values.calibration.tilt")
-    p.page.wait_for_timeout(300)  # the last question is answered
+    p.questions.answered()
     table = p.get("workbench.store.columns.table")
     p.click("#tab-run")
     p.click("#write")

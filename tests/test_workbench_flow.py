@@ -20,6 +20,7 @@ import pytest
 import xarray as xr
 from diagnosis_sample import causes as named_causes
 from diagnosis_sample import diagnosis, parameter
+from pace import Questions
 
 import jumpvision as jv
 from jumpvision.base.record import plain
@@ -294,6 +295,7 @@ class Hand:
         self.clicks, self.said = 0, []
         self.page.on("console", lambda m: self.said.append(m.text))
         self.page.on("pageerror", lambda e: self.said.append(str(e)))
+        self.questions = Questions(self.page)
         self.page.goto(server.address)
         self.until("!!window.workbench?.ready")
 
@@ -429,7 +431,7 @@ def test_what_the_mouse_has_set_is_repeated_by_the_command_line(tmp_path, browse
     h.until("workbench.store.table.params?.piv?.background === 'minimum'")
     h.page.keyboard.press("Tab")
     h.until("Math.round(workbench.store.flow.columns[1] - workbench.store.flow.columns[0]) === 10")
-    h.page.wait_for_timeout(400)
+    h.questions.answered()
     seen = h.get("[workbench.store.flow.u, workbench.store.flow.v, workbench.store.flow.speed]")
     h.click("#tab-run")
     h.click("#write")

@@ -16,6 +16,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+GARBAGE_EVERY = 20_000  # new objects that are looked through for garbage (gc): numba makes millions that are none
+
 
 def compiled_code_goes(package: Path, version: str) -> None:
     """Compiled functions are kept beside the package, or else under the home folder; where neither can be written (a

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from typing import TYPE_CHECKING
 
 from jumpvision import __version__
+from jumpvision.base.compiling import GARBAGE_EVERY
 
 from .codes import BAD_CALL, DONE, FAILED
 from .streams import lasting
@@ -22,6 +24,8 @@ for _threads in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 def main(argv: list[str] | None = None) -> int:
     """Entry point: 0 done, 1 something failed, 2 wrong call or bad input."""
     asked = sys.argv[1:] if argv is None else argv
+    if argv is None:  # a process of its own
+        gc.set_threshold(GARBAGE_EVERY)
     with lasting():
         if asked == ["--version"]:
             print(__version__)

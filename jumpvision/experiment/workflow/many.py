@@ -183,7 +183,7 @@ def prepare(plan: Plan) -> None:
     """Begins to import, beside this process, what workers need."""
     many = plan.pictures and (plan.drawn is None or len(plan.drawn) > 1)  # else the one is drawn in this process
     drawing = ["matplotlib.figure", "matplotlib.backends.backend_agg"] if many else []
-    ready([__name__, f"{__package__}.forked", *modules(), *plan.pictures, *drawing])
+    ready([__name__, *modules(), *plan.pictures, *drawing, f"{__package__}.forked"])
 
 
 def _in_processes(
