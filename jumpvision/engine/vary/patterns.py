@@ -136,26 +136,22 @@ class Scatter:
 def weigh(pattern: Pattern, found: Apart) -> Weighed:
     """The evidence of a pattern, its price off: with the likeliest of the widths that its coefficients may have before
     the data, of which none is likelier than another."""
-    each = [_weighed(replace(pattern, widths=pattern.spreads * w), found) for w in WIDTHS]
-    best = max(each, key=lambda x: x.log_evidence)
-    price = math.log(len(WIDTHS))
-    return replace(best, pattern=_priced(best.pattern, price), log_evidence=best.log_evidence - price)
-
-
-def _weighed(pattern: Pattern, found: Apart) -> Weighed:
-    x, p, s = pattern.design, found.information, pattern.spreads
-    inner = x.T @ p @ x + np.diag(s**-2.0)
-    right = x.T @ (p @ found.change)
-    best = np.linalg.solve(inner, right)
-    chi2 = found.chi2 + float(found.change @ p @ found.change) - float(right @ best)
-    volume = 0.5 * float(np.linalg.slogdet(inner)[1]) + float(np.sum(np.log(s)))
-    off = x @ best - found.change
+    x, p = pattern.design, found.information
+    told, right = x.T @ p @ x, x.T @ (p @ found.change)
+    spreads = [pattern.spreads * w for w in WIDTHS]
+    inner = [told + np.diag(s**-2.0) for s in spreads]
+    fits = np.linalg.solve(inner, np.broadcast_to(right[:, None], (len(WIDTHS), right.size, 1)))[..., 0]
+    size = found.chi2 + float(found.change @ p @ found.change)
+    volumes = [0.5 * float(d) + float(np.sum(np.log(s))) for d, s in zip(np.linalg.slogdet(inner)[1], spreads)]
+    each = [-0.5 * (size - float(right @ b)) - v - pattern.log_price for b, v in zip(fits, volumes)]
+    k = max(range(len(each)), key=each.__getitem__)
+    off, price = x @ fits[k] - found.change, math.log(len(WIDTHS))
     return Weighed(
-        pattern,
-        np.asarray(best),
-        np.asarray(np.linalg.inv(inner)),
+        _priced(replace(pattern, widths=spreads[k]), price),
+        fits[k],
+        np.asarray(np.linalg.inv(inner[k])),
         found.chi2 + float(off @ p @ off),
-        -0.5 * chi2 - volume - pattern.log_price,
+        each[k] - price,
         found.named,
     )
 

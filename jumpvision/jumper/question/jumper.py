@@ -289,9 +289,7 @@ class Jumper:
             model = models[self.model.ground]  # of the film, which is told alike on both
             told.append((model, like))
             times[lane] = model.shown(t) - values.get("start", 0.0)
-            for i in runs:
-                k, here = self.apparatus[i], self.tracks.places[i]
-                times[lane, here] += common_error(values, "offset", k) + common_error(values, "rate", k) * t[here]
+            self._to_clocks(times[lane], self.tracks, runs, values)
 
         def follow(some: Sequence[tuple[int, int, Model]]) -> None:
             runs, lanes, models = zip(*some)
@@ -325,11 +323,10 @@ class Jumper:
             return [np.full(self.observations[i].t.size, np.nan) for i in which]
         film, clocks = models[self.model.ground], any(n in changes for n in CLOCK)
         times[0] = film.shown(t) - values.get("start", 0.0)
-        for i in which:
-            k, here = self.apparatus[i], tracks.places[i]
-            times[0, here] += common_error(values, "offset", k) + common_error(values, "rate", k) * t[here]
-            if clocks:
-                times[0, here] += true_times(t[here], *fault_of(changes, i)) - t[here]
+        self._to_clocks(times[0], tracks, which, values)
+        for i in which if clocks else ():
+            here = tracks.places[i]
+            times[0, here] += true_times(t[here], *fault_of(changes, i)) - t[here]
 
         def follow(places: Sequence[int]) -> None:
             some, lanes = [which[k] for k in places], [0] * len(places)
@@ -364,10 +361,19 @@ class Jumper:
             self.alike[beds] = [both.index(b) for b in both], [own.index(o) for o in own]
         return self.alike[beds]
 
+    def _to_clocks(self, times: Array, tracks: Tracks, runs: Iterable[int], values: Mapping[str, float]) -> None:
+        """Adds to the times of these jumps [s] by how much the clock of their apparatus is off."""
+        each = range(max(self.apparatus) + 1)
+        errors = [(common_error(values, "offset", k), common_error(values, "rate", k)) for k in each]
+        for i in runs if any(map(any, errors)) else ():
+            here, (offset, rate) = tracks.places[i], errors[self.apparatus[i]]
+            times[here] += offset + rate * tracks.t[here]
+
     def _reported(self, i: int, height: Array, values: Mapping[str, float]) -> Array:
         """True heights of an observation as its apparatus reports them [m]."""
         k, jump, o = self.apparatus[i], self.jumps[i], self.observations[i]
-        height = height * common_error(values, "scale", k)
+        if (scale := common_error(values, "scale", k)) != 1.0:
+            height = height * scale
         if jump.shared.lens is not None:
             height = height + common_error(values, "lens", k) * jump.shared.lens[np.searchsorted(jump.t, o.t)]
         return height

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -155,4 +156,7 @@ def is_common(name: str) -> bool:
 
 def common_error(values: Mapping[str, float], kind: str, apparatus: int) -> float:
     """A common error's value, the declared one where it is taken as exact."""
-    return values.get(Indexed(kind, apparatus), KINDS[kind][0])
+    return values.get(_name(kind, apparatus), KINDS[kind][0])
+
+
+_name = functools.cache(Indexed)  # looked up for every prediction

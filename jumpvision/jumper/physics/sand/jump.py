@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import Array
 from jumpvision.jumper.mechanisms.record import STATE, Body
+from jumpvision.jumper.mechanisms.registry import MECHANISMS
 from jumpvision.jumper.physics.drive import drive_of, played
 from jumpvision.jumper.physics.forcing import Forcing, Loop, Segments
 from jumpvision.jumper.physics.model import ROBOT, Model
@@ -199,7 +201,13 @@ def filmed_height(model: Model, forcing: Forcing, *, t: ArrayLike, rtol: float, 
 
 def laws(model: Model) -> Laws:
     """The laws of a model, compiled."""
-    return laws_of([model.mechanism(t) for t in model.terms], model.ground == "granular")
+    sand = model.ground == "granular"
+    return laws_of([model.mechanism(t) for t in model.terms], sand) if model.own else _listed(model.terms, sand)
+
+
+@functools.lru_cache(256)  # asked for by every model of a fit
+def _listed(terms: tuple[str, ...], sand: bool) -> Laws:
+    return laws_of([MECHANISMS[t] for t in terms], sand)
 
 
 def pack(model: Model, n: int = 1) -> NDArray[np.void]:
@@ -209,10 +217,11 @@ def pack(model: Model, n: int = 1) -> NDArray[np.void]:
         out[name] = address
     out["sand"], out["massless"] = model.ground == "granular", np.equal(model.m_f, 0.0)
     out["ages"], out["lost"], out["led"] = own.ages, len(own.lost), own.addresses["drive"] != 0
-    out["ratio"], out["per_M"] = model.m_m / model.M, 1.0 / np.asarray(model.M)
-    for name in ("m_m", "M", "m_f", "k_s", "c_s", "g"):
-        out[name] = getattr(model, name)
-    out["m_r"], out["slack"] = model.rod_mass, 1e-9 * model.M * model.g
+    robot = {name: getattr(model, name) for name in ("m_m", "M", "m_f", "k_s", "c_s", "g")}
+    for name, value in robot.items():
+        out[name] = value
+    out["ratio"], out["per_M"] = robot["m_m"] / robot["M"], 1.0 / np.asarray(robot["M"])
+    out["m_r"], out["slack"] = model.rod_mass, 1e-9 * robot["M"] * robot["g"]
     out["e"] = model.symbol("e") if model.acting(Body.LANDING) else 0.0
     out["tau"] = model.symbol("tau") if LAG in model and not own.addresses["drive"] else 0.0
     for k, name in enumerate(own.module.constants):
