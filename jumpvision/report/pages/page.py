@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping
 from functools import cache
 from importlib.resources import files as resources
 from pathlib import Path
@@ -41,7 +42,6 @@ from .words import campaign_words, drawing, experiment_words, film, inline, nois
 
 if TYPE_CHECKING:
     from jinja2 import Template
-    from markupsafe import Markup
 
 PICTURES = {  # file: (heading, what it shows)
     "track.png": ("Tracking", "a frame of the film with the path of the ball, and height against time"),
@@ -211,6 +211,7 @@ def write_experiment(
     """The page of one experiment. back: address of the campaign's; receipt: its provenance.json; seen, draws: as in
     `write_campaign`."""
     folder, law = outcome.results, experiment.section(Actuation) if experiment else None
+    provenance = _shown(json.loads(receipt or "{}"))
     fits = dict(fits_of(folder).estimates)
     if (folder / Intrusion.file).exists():
         fits |= Intrusion.load(folder).fits.estimates
@@ -220,9 +221,7 @@ def write_experiment(
         volume["volume_m3"] = Estimate(crater["volume_m3"], crater["sigma_m3"], "m3", 1, math.nan)
     sentence, facts = experiment_words(law, outcome.summary, Fits(fits | volume), whole=whole_disc(folder))
     charts = experiment_charts(folder, law)
-    made = json.loads(receipt or "{}")
-    shown = {k: made[k] for k in SHOWN if k in made}
-    page = template("experiment.html.j2").generate(  # a film of pictures has 100,000 names and digests
+    page = template("experiment.html.j2").generate(
         key=mark,
         style=style(),
         script=script(),
@@ -253,22 +252,29 @@ def write_experiment(
         warnings=outcome.said,
         errors=outcome.errors,
         not_run=outcome.not_run,
-        citation=made.get("citation"),
-        license=made.get("license"),
-        provenance=in_pieces(shown) if shown else None,
+        provenance=provenance,
     )
     write_aside(folder / files.REPORT, page)
 
 
-SHOWN = ("citation", "license", "command", "versions", "inputs", "parameters")  # of provenance.json
+def _shown(made: Mapping[str, Any]) -> dict[str, Any]:
+    """Of provenance.json what a page shows: where a folder has MANY files, how many, not each with its digest."""
+    keys = ("citation", "license", "command", "versions", "inputs", "parameters")
+    shown = {k: made[k] for k in keys if k in made}
+    inputs = shown.get("inputs", {})
+    many = {folder: n for folder, n in Counter(map(_folder, inputs)).items() if n > MANY}
+    if many:
+        each = {name: digest for name, digest in inputs.items() if _folder(name) not in many}
+        listed = f"each with its SHA-256 in {files.PROVENANCE}"
+        shown["inputs"] = each | {f"{folder or '.'}/": f"{n} files, {listed}" for folder, n in many.items()}
+    return shown
 
 
-def in_pieces(content: Mapping[str, object]) -> Iterator[Markup]:
-    """JSON for a page, as the filter `tojson` gives it, piece by piece."""
-    from jinja2.utils import htmlsafe_json_dumps
+MANY = 100  # files of one folder that a page lists one by one
 
-    for piece in json.JSONEncoder(indent=1, sort_keys=True).iterencode(content):
-        yield htmlsafe_json_dumps(piece, dumps=str)
+
+def _folder(name: str) -> str:
+    return name.rpartition("/")[0]
 
 
 def richest(outcomes: list[Outcome]) -> Outcome | None:
