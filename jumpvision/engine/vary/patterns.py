@@ -137,21 +137,21 @@ def weigh(pattern: Pattern, found: Apart) -> Weighed:
     """The evidence of a pattern, its price off: with the likeliest of the widths that its coefficients may have before
     the data, of which none is likelier than another."""
     x, p = pattern.design, found.information
-    told, right = x.T @ p @ x, x.T @ (p @ found.change)
+    normal, right = x.T @ p @ x, x.T @ (p @ found.change)
     spreads = [pattern.spreads * w for w in WIDTHS]
-    inner = [told + np.diag(s**-2.0) for s in spreads]
+    inner = [normal + np.diag(s**-2.0) for s in spreads]
     fits = np.linalg.solve(inner, np.broadcast_to(right[:, None], (len(WIDTHS), right.size, 1)))[..., 0]
     size = found.chi2 + float(found.change @ p @ found.change)
     volumes = [0.5 * float(d) + float(np.sum(np.log(s))) for d, s in zip(np.linalg.slogdet(inner)[1], spreads)]
-    each = [-0.5 * (size - float(right @ b)) - v - pattern.log_price for b, v in zip(fits, volumes)]
-    k = max(range(len(each)), key=each.__getitem__)
+    evidence = [-0.5 * (size - float(right @ b)) - v - pattern.log_price for b, v in zip(fits, volumes)]
+    k = max(range(len(evidence)), key=evidence.__getitem__)
     off, price = x @ fits[k] - found.change, math.log(len(WIDTHS))
     return Weighed(
         _priced(replace(pattern, widths=spreads[k]), price),
         fits[k],
         np.asarray(np.linalg.inv(inner[k])),
         found.chi2 + float(off @ p @ off),
-        each[k] - price,
+        evidence[k] - price,
         found.named,
     )
 
