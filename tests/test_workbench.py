@@ -600,7 +600,7 @@ def test_the_campaign_is_run_by_its_button(hard, browser, served):
 @pytest.mark.long
 def test_scrubbing_and_controls_answer_in_time(tmp_path, browser, served):
     """1280 x 1024 px: 20 different frames a second under a moving hand, 95 % of what is typed answered within 0.1 s.
-    The best of three tries, in units of the machine's pace."""
+    The best of a few tries, in units of the machine's pace."""
     rng = np.random.default_rng(1)
     film = rng.integers(20, 60, (200, 1024, 1280), dtype=np.uint8)
     for i, image in enumerate(film):

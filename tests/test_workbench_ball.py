@@ -403,7 +403,7 @@ def test_what_cannot_be_plotted_or_fitted_says_why(tmp_path, served):  # noqa: F
 
 @pytest.mark.long
 def test_a_frame_is_seen_within_50_ms_of_the_hand(tmp_path, served, browser):  # noqa: F811
-    """1 megapixel, 95 % of 150 frames that a hand goes to one after another; the best of three tries."""
+    """1 megapixel, 95 % of 150 frames that a hand goes to one after another; the best of a few tries."""
     film = np.random.default_rng(1).integers(20, 60, (160, 1000, 1000), dtype=np.uint8)
     for i, image in enumerate(film):
         image[400:440, 4 * i : 4 * i + 40] = 200
