@@ -80,7 +80,7 @@ def test_a_diagnosis_loads_the_engine_alone():
 
 @pytest.mark.parametrize("words", [["--help"], ["run", "--help"], ["sweep", "--help"]])
 def test_help_is_fast_and_light(words):
-    """Nothing heavy is imported for --help; the bounds of its processor time are wide (measured: 0.2 s)."""
+    """Nothing heavy is imported for --help; the bound of its processor time is wide (measured: 0.2 s)."""
     code = (
         "import sys; from jumpvision.cli import main; main(sys.argv[1:]);"
         "heavy = {'numpy', 'scipy', 'numba', 'pandas', 'cv2', 'av', 'xarray', 'matplotlib'};"

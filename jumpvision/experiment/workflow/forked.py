@@ -13,7 +13,7 @@ from jumpvision.base.compiling import GARBAGE_EVERY
 
 cpu_target.target_context.refresh()  # what numba imports before it loads its first function
 
-# what is imported stays: workers need not search it for garbage, nor copy the memory in which that search writes
+# what is imported stays: the garbage collector of a worker need not look at it, nor write into its shared memory
 gc.collect()
 gc.freeze()
 gc.set_threshold(GARBAGE_EVERY)

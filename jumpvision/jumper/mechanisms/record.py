@@ -65,7 +65,7 @@ LONG_AGO = 1e6  # s, contact_s before the first contact: no memory that matters 
 class Body(Enum):
     """What a mechanism acts on, and as what: how its law enters the equations of motion."""
 
-    __hash__ = object.__hash__  # members are one object each; Enum's own, in Python, takes a tenth of a model's packing
+    __hash__ = object.__hash__  # laws are looked up by it for every prediction, and Enum's own is written in Python
 
     STATIC = "the static force F_p(z) of the ground, also its yield threshold: exactly one on granular ground"
     OVERSHOOT = "force of the ground that adds to F_p, also to its yield threshold"
