@@ -221,10 +221,10 @@ def test_terms_as_addresses():
 
 
 def test_the_page_says_how_to_cite(campaign):
-    from jumpvision.report.pages.page import template
-
-    text = template("experiment.html.j2").render(citation="Doe 2024", license="CC0-1.0")
-    assert "<p>Recordings: Doe 2024 (CC0-1.0)</p>" in text
+    pages = [folder / "report.html" for folder in campaign.iterdir() if (folder / "provenance.json").exists()]
+    assert len(pages) == 2
+    for page in pages:
+        assert "<p>Recordings: Doe et al., J. Exp. 7 (2024), doi:10.1234/abc.5 (CC-BY-4.0)</p>" in page.read_text()
 
 
 def test_a_library_that_is_not_installed_is_named(campaign, tmp_path, capsys, monkeypatch):
