@@ -135,17 +135,17 @@ ORDERED = {
 @pytest.mark.parametrize("names", ORDERED)
 def test_the_number_that_varies_counts_the_frames(names):
     stems, places = ORDERED[names]
-    files = [Path(f"{s}.png") for s in stems]
+    files = [f"{s}.png" for s in stems]
     mixed = [files[k] for k in np.random.default_rng(3).permutation(len(files))]
     found = numbering(Path("film"), mixed)
-    assert found.files == files
+    assert found.names == files
     np.testing.assert_array_equal(found.positions, places)
     assert len(found.warnings) == 1 and "missing by the numbers" in found.warnings[0]
 
 
 def test_a_name_unlike_the_others_is_told():
     """It may hide a gap."""
-    (told,) = numbering(Path("film"), [Path(f"{s}.png") for s in ("i_1", "i_2", "iA_4", "i_5")]).warnings
+    (told,) = numbering(Path("film"), [f"{s}.png" for s in ("i_1", "i_2", "iA_4", "i_5")]).warnings
     assert "iA_4.png" in told and "timed as if none were missing" in told
 
 

@@ -292,7 +292,7 @@ def of_pairs(film: Film) -> bool:
     """Whether its pictures are called as double exposures: 0001A, 0001B, 0002A, ..."""
     if not isinstance(film, ImageFilm):
         return False
-    ends = [re.fullmatch(r".*[^A-Za-z]([ab])", f.stem.lower()) for f in film.files]
+    ends = [re.fullmatch(r".*[^A-Za-z]([ab])", s.lower()) for s in film.stems]
     return {m and m[1] for m in ends} == {"a", "b"}
 
 

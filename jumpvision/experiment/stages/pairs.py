@@ -38,7 +38,7 @@ class InPairs(Film):
         first = film.time[self.order[::2]]
         positions: NDArray[np.float64] | None = None
         if isinstance(film, ImageFilm):  # pairs may be missing; the names of single frames tell A and B apart, too
-            found = numbering(film.path, [film.files[i] for i in self.order[::2]])
+            found = numbering(film.path, [film.names[i] for i in self.order[::2]])
             positions, self.warnings = found.positions, tuple(found.warnings)
         if section.frame_rate is not None:
             slots = np.arange(first.size) if positions is None else positions
@@ -80,7 +80,7 @@ def by_name(film: Film) -> NDArray[np.int64]:
         raise FrameError(f'{film.path}: no pictures with names; give pairs = "order"')
     for mark in MARKS:
         found: dict[str, dict[str, int]] = {}
-        for i, name in enumerate(f.stem.lower() for f in film.files):
+        for i, name in enumerate(map(str.lower, film.stems)):
             for m in list(mark.finditer(name))[-1:]:
                 found.setdefault(f"{name[: m.start()]}*{name[m.end() :]}", {})[m[0]] = i
         whole = [[i for _, i in sorted(pair.items())] for pair in found.values() if len(pair) == 2]
@@ -88,11 +88,11 @@ def by_name(film: Film) -> NDArray[np.int64]:
             order = np.ravel(whole)
             alone = sorted(set(range(len(film))) - set(order.tolist()))
             if alone:
-                first = film.files[alone[0]].name
+                first = film.names[alone[0]]
                 said = f"{len(alone)} picture(s) without a partner left out, the first {first}"
                 warnings.warn(StageWarning("frames", said, "grain_video"), stacklevel=5)
             return order
     raise FrameError(
-        f"{film.path}: no two names differ in a letter A or B, or a number 1 or 2, alone ({film.files[0].name}, ...); "
+        f"{film.path}: no two names differ in a letter A or B, or a number 1 or 2, alone ({film.names[0]}, ...); "
         'rename them, or give pairs = "order"'
     )

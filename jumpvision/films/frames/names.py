@@ -5,6 +5,7 @@ The number that counts the frames is the one that varies from name to name: `run
 
 from __future__ import annotations
 
+import os
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -19,23 +20,25 @@ DECIMAL = re.compile(r"(?<![0-9])([0-9]+(?:\.[0-9]+)?)(?![0-9])")
 
 
 class Numbering(NamedTuple):
-    """files: in order. positions: (n,) numbers of the frames, the first 0, None where evenly timed. warnings: texts."""
+    """names: of the files, in order. positions: (n,) numbers of the frames, the first 0, None where evenly timed.
+    warnings: texts."""
 
-    files: list[Path]
+    names: list[str]
     positions: NDArray[np.float64] | None
     warnings: list[str]
 
 
-def numbering(where: Path, files: Sequence[Path]) -> Numbering:
-    """The order of pictures by their names, and the gaps in it. where: named in warnings."""
-    found = _counters([f.stem for f in files])
+def numbering(where: Path, names: Sequence[str]) -> Numbering:
+    """The order of pictures by the names of their files, and the gaps in it. where: named in warnings."""
+    stems = [os.path.splitext(n)[0] for n in names]
+    found = _counters(stems)
     if found is None:
-        ordered = sorted(files, key=lambda f: (_natural(f.name), f.name))
-        several = len(files) > 2 and any(DIGITS.search(f.stem) for f in files)
-        text = f"{where}: the names of the images do not differ in one number alone ({_odd(files)}); "
+        ordered = sorted(names, key=lambda n: (_natural(n), n))
+        several = len(names) > 2 and any(map(DIGITS.search, stems))
+        text = f"{where}: the names of the images do not differ in one number alone ({_odd(names)}); "
         return Numbering(ordered, None, [text + "they are timed as if none were missing"] if several else [])
-    order = sorted(range(len(files)), key=lambda k: (found[k], files[k].name))
-    ordered, numbers = [files[k] for k in order], np.array([found[k] for k in order])
+    order = sorted(range(len(names)), key=lambda k: (found[k], names[k]))
+    ordered, numbers = [names[k] for k in order], np.array([found[k] for k in order])
     positions, warnings = _gaps(where, ordered, numbers)
     return Numbering(ordered, positions, warnings)
 
@@ -91,7 +94,7 @@ def _decimal(stems: Sequence[str]) -> bool:
 
 
 def _gaps(
-    where: Path, files: Sequence[Path], numbers: NDArray[np.float64]
+    where: Path, names: Sequence[str], numbers: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64] | None, list[str]]:
     """(frame numbers from 0 or None where there is no gap, warnings)."""
     gaps = np.diff(numbers)
@@ -106,12 +109,12 @@ def _gaps(
     missing = int(np.rint(gaps / step - 1).sum())
     return np.rint((numbers - numbers[0]) / step), [
         f"{where}: {missing} image{'s are' if missing > 1 else ' is'} missing by the numbers, first after "
-        f"{files[k].name}; the time is left free"
+        f"{names[k]}; the time is left free"
     ]
 
 
-def _odd(files: Sequence[Path]) -> str:
+def _odd(names: Sequence[str]) -> str:
     """A name that is unlike most."""
-    kinds = [tuple(DIGITS.split(f.stem)[::2]) for f in files]
+    kinds = [tuple(DIGITS.split(os.path.splitext(n)[0])[::2]) for n in names]
     usual = Counter(kinds).most_common(1)[0][0]
-    return next((f.name for f, kind in zip(files, kinds) if kind != usual), files[0].name)
+    return next((n for n, kind in zip(names, kinds) if kind != usual), names[0])

@@ -13,7 +13,7 @@ from jumpvision.base.arrays import Image
 from jumpvision.base.storage import irregular
 
 from .base import Film, FrameError
-from .pictures import SUFFIXES, ImageFilm, image_files
+from .pictures import SUFFIXES, ImageFilm, image_names
 
 READERS: dict[str, tuple[str, str]] = {  # suffix: module of this folder, its Film
     **dict.fromkeys((".avi", ".mp4", ".m4v", ".mkv", ".mov", ".webm"), ("video", "VideoFilm")),
@@ -50,7 +50,7 @@ def open_frames(
         raise FrameError(f"{path}: start = {start!r}; must be a finite number of seconds")
     full = Path(pattern_root or "") / path
     if full.is_dir() or (not full.exists() and any(c in full.name for c in "*?[")):
-        return ImageFilm(full, files=image_files(full), frame_rate=frame_rate, start=start)
+        return ImageFilm(full, names=image_names(full), frame_rate=frame_rate, start=start)
     if not full.exists():
         raise FrameError(f"{full}: no such file; name a film, a folder of images or a pattern such as frames/*.png")
     if problem := irregular(full):

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
 import struct
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -158,34 +159,38 @@ class ImageFilm(Film):
     the files are numbered with gaps, from their numbers: a missing image leaves a gap in time, it shifts nothing."""
 
     def __init__(
-        self, path: Path, *, files: Sequence[Path] | None = None, frame_rate: float | None, start: float
+        self, path: Path, *, names: Sequence[str] | None = None, frame_rate: float | None, start: float
     ) -> None:
-        ordered, positions, warnings = numbering(path, list(files or [path]))
-        sizes = [image_size(file) for file in ordered]  # before a pixel is decoded: a damaged size is refused here
-        first = read_image(ordered[0])
-        for file, size in zip(ordered, sizes):
+        self._folder = path if path.is_dir() else path.parent
+        self.names, positions, warnings = numbering(path, names or [path.name])
+        sizes = [image_size(file) for file in self._paths()]  # before a pixel is decoded: a damaged size is refused
+        first = read_image(self._folder / self.names[0])
+        for file, size in zip(self._paths(), sizes):
             if size != first.shape:
                 raise FrameError(
-                    f"{file}: {size[0]} x {size[1]} pixels, but {ordered[0].name} has {first.shape[0]} x "
+                    f"{file}: {size[0]} x {size[1]} pixels, but {self.names[0]} has {first.shape[0]} x "
                     f"{first.shape[1]}; a film needs one size; leave it out or give a pattern that does"
                 )
-        self._files = [str(file) for file in ordered]  # a path takes four times the memory
         super().__init__(
             path,
             shape=(first.shape[0], first.shape[1]),
             dtype=first.dtype,
-            clock=clock(path, len(ordered), start=start, frame_rate=frame_rate, positions=positions),
+            clock=clock(path, len(self.names), start=start, frame_rate=frame_rate, positions=positions),
             warnings=warnings,
             meta={"format": "images", "bit_depth": 8 * first.dtype.itemsize},
         )
 
     @property
-    def files(self) -> tuple[Path, ...]:
-        """The image of each frame."""
-        return tuple(map(Path, self._files))
+    def stems(self) -> list[str]:
+        """The name of each frame's image without what stands behind its last point."""
+        return [os.path.splitext(n)[0] for n in self.names]
+
+    def _paths(self) -> Iterator[Path]:
+        """The image of each frame: a path takes six times the memory of a name, so one at a time."""
+        return map(self._folder.joinpath, self.names)
 
     def _read(self, i: int) -> Image:
-        file = Path(self._files[i])
+        file = self._folder / self.names[i]
         image = read_image(file)
         if image.shape != self.shape or image.dtype != self.dtype:
             raise FrameError(
@@ -195,28 +200,32 @@ class ImageFilm(Film):
         return image
 
     def close(self) -> None:
-        self._files = []
+        self.names = []
 
 
-def image_files(path: Path) -> list[Path]:
-    """The images of a folder or pattern. Raises FrameError for none or a mixed folder."""
+def image_names(path: Path) -> list[str]:
+    """Names of the images of a folder or pattern. Raises FrameError for none or a mixed folder."""
     if path.is_dir():
-        files = [
-            f for f in path.iterdir() if f.suffix.lower() in SUFFIXES and not f.name.startswith(".") and f.is_file()
-        ]
-        kinds = Counter(f.suffix.lower() for f in files)
+        with os.scandir(path) as entries:
+            names = [e.name for e in entries if _suffix(e.name) in SUFFIXES and e.name[0] != "." and e.is_file()]
+        kinds = Counter(map(_suffix, names))
         if len(kinds) > 1:
             found = ", ".join(f"{n} {kind}" for kind, n in sorted(kinds.items()))
             raise FrameError(
                 f"{path}: the folder mixes {found} images; give a pattern such as {path.name}/*{min(kinds)}"
             )
     else:
-        files = [f for f in path.parent.glob(path.name) if f.is_file()]
-        for file in files:
-            if file.suffix.lower() not in SUFFIXES:
+        names = [f.name for f in path.parent.glob(path.name) if f.is_file()]
+        for name in names:
+            if _suffix(name) not in SUFFIXES:
                 raise FrameError(
-                    f"{file}: no image, but matches {path.name}; allowed: {' '.join(SUFFIXES)}; narrow the pattern"
+                    f"{path.parent / name}: no image, but matches {path.name}; allowed: {' '.join(SUFFIXES)}; narrow "
+                    "the pattern"
                 )
-    if not files:
+    if not names:
         raise FrameError(f"{path}: no image here; allowed: {' '.join(SUFFIXES)}")
-    return files
+    return names
+
+
+def _suffix(name: str) -> str:
+    return os.path.splitext(name)[1].lower()
