@@ -7,6 +7,7 @@ import contextlib
 import functools
 import os
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+BRIEF = 4e-4  # s; to wake another thread and to wait for it takes 0.1 to 0.2 ms
+MANY = 1000  # sizes that are remembered
 
 _limit: int | None = None  # of `at_most`
 _pool: concurrent.futures.ThreadPoolExecutor | None = None
@@ -59,12 +62,22 @@ def shared(**options: Any) -> Callable[[Callable[..., None]], Callable[..., None
 
     def over_rows(f: Callable[..., None]) -> Callable[..., None]:
         compiled = nb.njit(**{"cache": True, "nogil": True, **options})(f)
+        brief: set[tuple[int, ...]] = set()  # sizes at which sharing takes longer than it saves, as last seen
 
         @functools.wraps(f)
         def call(rows: int, *arguments: object) -> None:
-            size = max(1, -(-rows // (8 * threads())))  # eight pieces a thread: rows differ in work
-            starts = range(0, rows, size)
-            at_once([functools.partial(compiled, k, min(k + size, rows), *arguments) for k in starts])
+            sizes = (rows, *(getattr(a, "size", 0) for a in arguments))
+            alone, begun = sizes in brief, time.perf_counter()
+            if alone:
+                compiled(0, rows, *arguments)
+            else:
+                size = max(1, -(-rows // (8 * threads())))  # eight pieces a thread: rows differ in work
+                starts = range(0, rows, size)
+                at_once([functools.partial(compiled, k, min(k + size, rows), *arguments) for k in starts])
+            if (time.perf_counter() - begun < BRIEF) != alone:
+                if len(brief) > MANY:
+                    brief.clear()
+                (brief.discard if alone else brief.add)(sizes)
 
         return call
 
