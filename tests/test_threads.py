@@ -30,6 +30,12 @@ def refuses(first, last, bad):
             raise ValueError("a bad row")
 
 
+@pytest.fixture(autouse=True)
+def sharing(monkeypatch):
+    """These loops end before another thread has woken: they are shared all the same."""
+    monkeypatch.setattr(threads, "BRIEF", 0.0)
+
+
 def check(n: int) -> None:
     x, out, count = np.arange(float(n)), np.zeros(n), np.zeros(n, np.int64)
     squares(n, x, out, count)
@@ -46,6 +52,22 @@ def test_every_row_is_worked_on_once(number, monkeypatch):
         assert threads.threads() == min(number, 2)
         check(101)
     assert threads.threads() == number
+
+
+def test_a_loop_that_was_brief_is_not_shared_again(monkeypatch):
+    monkeypatch.setattr(nb.config, "NUMBA_NUM_THREADS", 2)
+    shared, at_once = [], threads.at_once
+    monkeypatch.setattr(threads, "at_once", lambda calls: shared.append(len(calls)) or at_once(calls))
+
+    def was_shared(n: int) -> bool:
+        before = len(shared)
+        check(n)
+        return len(shared) > before
+
+    monkeypatch.setattr(threads, "BRIEF", float("inf"))
+    assert [was_shared(n) for n in (211, 211, 307, 211, 307)] == [True, False, True, False, False]
+    monkeypatch.setattr(threads, "BRIEF", 0.0)  # and is again when it took longer
+    assert [was_shared(211), was_shared(211)] == [False, True]
 
 
 def test_an_error_of_any_row_arrives(monkeypatch):
