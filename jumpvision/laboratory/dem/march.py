@@ -6,8 +6,7 @@ import math
 
 import numba as nb
 
-from jumpvision.base.threads import added, idle, read, swapped, written
-
+from .atomic import added, idle, read, swapped, written
 from .contacts import step
 from .neighbours import CLOSE, FAST, HALF, NEXT, RADIUS, SPIN, UX, UY, VX, VY, X, Y, cells, listed, picked
 
