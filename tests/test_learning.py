@@ -358,10 +358,15 @@ def test_a_measurement_sharpens_the_fit_and_stands_in_its_residuals(clean):
 def test_axes_of_scatter_and_wander_are_those_of_both_together():
     rng = np.random.default_rng(7)
     slow, scatter = rng.standard_normal((50, 4)), rng.standard_normal((50, 2)) * 5.0
-    q, size = joined(scatter, axes(slow))
-    both = np.hstack([scatter, slow])
-    assert q.T @ q == pytest.approx(np.eye(size.size), abs=1e-12)
-    assert (q * size**2) @ q.T == pytest.approx(both @ both.T, abs=1e-10)
+    twice = np.hstack([scatter, 2.0 * scatter[:, :1], np.zeros((50, 1))])  # no direction of their own
+    for columns in (scatter, twice):
+        q, size = joined(columns, axes(slow))
+        both = np.hstack([columns, slow])
+        assert q.shape == (50, 6)
+        assert q.T @ q == pytest.approx(np.eye(6), abs=1e-12)
+        assert (q * size**2) @ q.T == pytest.approx(both @ both.T, abs=1e-10)
+    q, size = joined(np.zeros((50, 1)), (np.zeros((50, 0)), np.zeros(0)))
+    assert q.shape == (50, 0) and size.size == 0
 
 
 # -- what is simulated once ----------------------------------------------------------------------------------------

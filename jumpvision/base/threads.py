@@ -47,7 +47,8 @@ def shared(**options: Any) -> Callable[[Callable[..., None]], Callable[..., None
     """f(first, last, *arguments), which works on rows first to last - 1 alone, becomes f(rows, *arguments) on all.
 
     It is compiled for one thread and called by several, without the interpreter's lock: numba's own `parallel=True`
-    takes twice as long to compile. What a row becomes does not depend on the number of threads. options: of `njit`.
+    takes twice as long to compile. What a row becomes does not depend on the number of threads. A loop that took less
+    than BRIEF is not shared the next time its arguments have the same sizes. options: of `njit`.
     """
 
     def over_rows(f: Callable[..., None]) -> Callable[..., None]:

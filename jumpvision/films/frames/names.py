@@ -35,7 +35,7 @@ def numbering(where: Path, names: Sequence[str]) -> Numbering:
     if found is None:
         ordered = sorted(names, key=lambda n: (_natural(n), n))
         several = len(names) > 2 and any(map(DIGITS.search, stems))
-        text = f"{where}: the names of the images do not differ in one number alone ({_odd(names)}); "
+        text = f"{where}: the names of the images do not differ in one number alone ({_odd(names, stems)}); "
         return Numbering(ordered, None, [text + "they are timed as if none were missing"] if several else [])
     order = sorted(range(len(names)), key=lambda k: (found[k], names[k]))
     ordered, numbers = [names[k] for k in order], np.array([found[k] for k in order])
@@ -113,8 +113,8 @@ def _gaps(
     ]
 
 
-def _odd(names: Sequence[str]) -> str:
+def _odd(names: Sequence[str], stems: Sequence[str]) -> str:
     """A name that is unlike most."""
-    kinds = [tuple(DIGITS.split(os.path.splitext(n)[0])[::2]) for n in names]
+    kinds = [tuple(DIGITS.split(s)[::2]) for s in stems]
     usual = Counter(kinds).most_common(1)[0][0]
     return next((n for n, kind in zip(names, kinds) if kind != usual), names[0])
