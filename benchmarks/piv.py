@@ -59,7 +59,8 @@ def openpiv(a: Array, b: Array) -> Field:
     from openpiv.settings import PIVSettings
 
     s = PIVSettings()
-    s.windowsizes, s.overlap, s.num_iterations = (64, 32, 16, 16), (32, 16, 8, 8), 4
+    windows = tuple(w for w in (64, 32, 16, 16) if 4 * w <= min(a.shape))  # its splines need four vectors a side
+    s.windowsizes, s.overlap, s.num_iterations = windows, tuple(w // 2 for w in windows), len(windows)
     with contextlib.redirect_stdout(io.StringIO()):
         x, y, u, v, _ = windef.simple_multipass(a.astype(np.int32), b.astype(np.int32), s)
     # its rows run up; its places as they are give it the smallest errors on drawn shear, rotation and vortex

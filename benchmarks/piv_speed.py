@@ -1,6 +1,6 @@
 """Time of a vector beside OpenPIV on the same images in the same run, and the errors of both: a markdown table.
 
-    python -m benchmarks.piv_speed          # five drawn fields of 1280 x 1024 px and their middle, OpenPIV's own pair
+    python -m benchmarks.piv_speed          # five drawn fields of 1280 x 1024 px and their middles, OpenPIV's own pair
     JUMPVISION_REAL_DATA=folder ...         # also pivlab_karman/: a street of eddies and a jet
 
 Grains of 7 px, noise 2: moved as a whole, sheared, in waves of 2.8 px, under a foot that plunges, with a shear band.
@@ -25,7 +25,7 @@ from benchmarks.piv import Array, Truth, against, fast, left_over, openpiv, ours
 from jumpvision.base.threads import at_most
 from tests.test_piv import camera, grains
 
-SHAPE, SMALL = (1024, 1280), (256, 320)
+SHAPE, SMALL = (1024, 1280), ((256, 320), (128, 160), (80, 96))  # px; the smaller are middles of the first
 TURNS = 3
 
 
@@ -56,14 +56,15 @@ def cases(data: Path | None) -> Iterator[tuple[str, Array, Array, Truth | None]]
         rng = np.random.default_rng(3)
         a, b = (camera(i, 2, rng) for i in pair)
         yield f"{name}, {SHAPE[1]} x {SHAPE[0]}", a, b, truth
-        top, left = (SHAPE[0] - SMALL[0]) // 2, (SHAPE[1] - SMALL[1]) // 2
-        cut = np.s_[top : top + SMALL[0], left : left + SMALL[1]]
-        yield (
-            f"{name}, {SMALL[1]} x {SMALL[0]}",
-            a[cut].copy(),
-            b[cut].copy(),
-            lambda x, y, t=truth, x0=left, y0=top: t(x + x0, y + y0),
-        )
+        for height, width in SMALL:
+            top, left = (SHAPE[0] - height) // 2, (SHAPE[1] - width) // 2
+            cut = np.s_[top : top + height, left : left + width]
+            yield (
+                f"{name}, {width} x {height}",
+                a[cut].copy(),
+                b[cut].copy(),
+                lambda x, y, t=truth, x0=left, y0=top: t(x + x0, y + y0),
+            )
     for name, a, b in untold(data):
         yield f"{name}, {a.shape[1]} x {a.shape[0]}", a, b, None
 

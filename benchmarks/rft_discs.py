@@ -3,8 +3,8 @@
     python -m benchmarks.rft_discs [--beds 2] [--file ROWS] [--workers 2]
 
 Discs of 2 mm (two sizes) that rub (coefficient 0.5) settle under gravity; a bar of 30 mm, inclined by 0 to 75 degrees,
-a wedge and half a round go down at 0.3 m/s. The force per depth of a bar is a line of the theory's table. Told are (1)
-the table of the discs beside the published generic laws, both with one scale, that of the level bar; (2) the theory
+a wedge and half a round go down at 0.3 m/s. The force per depth of a bar is a line of the theory's table. Compared are
+(1) the table of the discs beside the published generic laws, both with one scale, that of the level bar; (2) the theory
 itself: the bodies' forces from the discs' own bars, by `physics.rft.push`, beside those that the discs put on them.
 """
 

@@ -34,7 +34,7 @@ def test_the_laws_worked_out_by_hand():
 @pytest.mark.parametrize("law", ["logarithmic", "stretched"])
 def test_a_law_without_noise_is_found_and_turned_round(law):
     fit = fit_compaction(PULSES, TRUTH[law](PULSES), np.full(PULSES.size, 1e-6))
-    assert fit.law == law and fit.told and fit.scatter < 1e-6
+    assert fit.law == law and fit.decided and fit.scatter < 1e-6
     assert fit.at([0.0, 7.0, 200.0])[0] == pytest.approx(TRUTH[law](np.array([0.0, 7.0, 200.0])), abs=1e-6)
     assert fit.pulses(float(TRUTH[law](20.0)))[0] == pytest.approx(20.0, rel=1e-3)
     assert np.isnan(fit.pulses(0.5)).all() and np.isnan(fit.pulses(0.75)).all()

@@ -205,8 +205,10 @@ def test_a_warning_is_data_in_every_file_that_tells_of_it(campaign, tmp_path, ca
 def test_a_warning_is_of_a_known_kind():
     with pytest.raises(ValueError, match="did you mean 'clock'"):
         StageWarning("clocks", "text")
-    told = pickle.loads(pickle.dumps(StageWarning("clock", "text", "rod_video", {"a_s": 1.0, "b_s": math.nan}))).told
-    assert told == {"kind": "clock", "message": "text", "recording": "rod_video", "values": {"a_s": 1.0}}
+    record = pickle.loads(
+        pickle.dumps(StageWarning("clock", "text", "rod_video", {"a_s": 1.0, "b_s": math.nan}))
+    ).record
+    assert record == {"kind": "clock", "message": "text", "recording": "rod_video", "values": {"a_s": 1.0}}
 
 
 def test_a_copied_experiment_is_told(campaign, tmp_path, capsys):

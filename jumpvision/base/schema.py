@@ -54,7 +54,7 @@ KINDS: Mapping[str, str] = {
 }
 
 
-class Told(TypedDict):
+class WarningRecord(TypedDict):
     """A warning as files hold it. kind: of KINDS; recording: the section that is the likely cause, or ""; values: the
     numbers compared, by names that end in their units."""
 
@@ -68,7 +68,7 @@ class StageWarning(UserWarning):
     """Something a user should know about a result that stands all the same: of a stage, which keeps it with the result,
     or of a function of arrays.
 
-    kind, recording, values: as in `Told`. Raises ValueError for another kind.
+    kind, recording, values: as in `WarningRecord`. Raises ValueError for another kind.
     """
 
     def __init__(self, kind: str, message: str, recording: str = "", values: Mapping[str, float] = {}) -> None:
@@ -81,15 +81,15 @@ class StageWarning(UserWarning):
         return StageWarning, (self.kind, str(self), self.recording, self.values)
 
     @property
-    def told(self) -> Told:
+    def record(self) -> WarningRecord:
         """As files hold it, without values that are not finite."""
         values = {k: float(v) for k, v in self.values.items() if math.isfinite(v)}
         return {"kind": self.kind, "message": str(self), "recording": self.recording, "values": values}
 
 
-def told_in(caught: Iterable[warnings.WarningMessage]) -> list[Told]:
+def warnings_in(caught: Iterable[warnings.WarningMessage]) -> list[WarningRecord]:
     """The stage warnings among what was caught, each once."""
-    found = [w.message.told for w in caught if isinstance(w.message, StageWarning)]
+    found = [w.message.record for w in caught if isinstance(w.message, StageWarning)]
     return [t for i, t in enumerate(found) if t not in found[:i]]
 
 

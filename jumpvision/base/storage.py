@@ -31,11 +31,11 @@ def aside_folder(cache: Path) -> Path:
 @functools.cache
 def _owner() -> str:
     """This machine and its numbering of processes: two containers share a disk, perhaps a name, never both of these."""
-    told = [socket.gethostname()]
+    names = [socket.gethostname()]
     for file in ("/proc/sys/kernel/random/boot_id", "/proc/self/ns/pid"):
         with contextlib.suppress(OSError):
-            told.append(os.readlink(file) if "/ns/" in file else Path(file).read_text().strip())
-    return hashlib.sha256("\n".join(told).encode()).hexdigest()[:12]
+            names.append(os.readlink(file) if "/ns/" in file else Path(file).read_text().strip())
+    return hashlib.sha256("\n".join(names).encode()).hexdigest()[:12]
 
 
 def _signed() -> str:

@@ -285,7 +285,7 @@ def _each(asked: Mapping[Path, Options], one: Callable[[Path, Options], int], *,
     from . import terminal
 
     codes: list[int] = []
-    told = {}
+    campaigns = {}
     for folder, options in asked.items():
         terminal.line(f"{folder}: campaign {len(codes) + 1} of {len(asked)}")
         with contextlib.redirect_stdout(io.StringIO()) if as_json else contextlib.nullcontext() as out:
@@ -296,9 +296,9 @@ def _each(asked: Mapping[Path, Options], one: Callable[[Path, Options], int], *,
                 for problem in e.problems:
                     terminal.line(f"failed: {harmless(problem)}")
         if out is not None:
-            told[str(folder)] = json.loads(out.getvalue() or "null")
+            campaigns[str(folder)] = json.loads(out.getvalue() or "null")
     if as_json:
-        print(json.dumps({"campaigns": told}, indent=1))
+        print(json.dumps({"campaigns": campaigns}, indent=1))
     return FAILED if FAILED in codes else DONE
 
 
@@ -360,12 +360,12 @@ def check(path: Path, /, *, isolable: bool = False, options: Options = OPTIONS) 
 
     before = {e.name: preflight(e) for e in campaign.experiments}
     if problems := [p for found, _ in before.values() for p in found]:
-        for name, (_, told) in before.items():
-            for w in told:
+        for name, (_, warned) in before.items():
+            for w in warned:
                 terminal.line(f"warning: {name}: {w['message']}")
         raise InputError(problems)
     found = {e.name: check_geometry(e) for e in campaign.experiments}
-    notes = warnings_of(campaign, {n: [*before[n][1], *told] for n, (_, told) in found.items()})
+    notes = warnings_of(campaign, {n: [*before[n][1], *warned] for n, (_, warned) in found.items()})
     numbers = {n: values for n, (values, _) in found.items() if values is not None}
     exact = [text for text in (exact_scales(campaign.experiments),) if text]
     data = {

@@ -117,9 +117,9 @@ def _beside(
 
     from . import terminal as show
 
-    told = sorted(given & {"half_width", "depth", "foot", "stroke", "speed", "density", "restitution", "sizes"})
+    fixed = sorted(given & {"half_width", "depth", "foot", "stroke", "speed", "density", "restitution", "sizes"})
     why = "with --experiment it follows from the film, or is fixed; leave it out"
-    problems = [f"dem --{n.replace('_', '-')}: {why}" for n in told]
+    problems = [f"dem --{n.replace('_', '-')}: {why}" for n in fixed]
     if bed.bed != "random":
         problems.append(f"dem --bed {bed.bed}: with --experiment the bed is random, of two sizes; leave it out")
     if problems:
@@ -194,11 +194,11 @@ def rft(
     with show.progress():
         found = feet.forces(foot, triangles, grains, *axes)
     results, numbers = output.results or Path("results/rft"), feet.numbers(triangles, found, grains)
-    told = feet.facts_of(foot, table, stl, numbers, "jumpvision " + shlex.join(sys.argv[1:]))
-    files = feet.write_forces(found, told, [f for f in (stl, table) if f], results)
+    facts = feet.facts_of(foot, table, stl, numbers, "jumpvision " + shlex.join(sys.argv[1:]))
+    files = feet.write_forces(found, facts, [f for f in (stl, table) if f], results)
     files.append(results / "model.toml")
     law = feet.profile_of(foot, triangles, grains, float(axes[1][0]))
-    write_bytes_aside(files[-1], feet.ground_law(law, grains, str(told["command"])).encode())
+    write_bytes_aside(files[-1], feet.ground_law(law, grains, str(facts["command"])).encode())
     if output.pictures:
         from jumpvision.thesis.figures.matter import foot_picture
 

@@ -65,8 +65,8 @@ class TimeLeft:
             return ""
         left = max(sum(each) / min(self.workers, len(each)), *each)
         text = f"about {spoken(left)} left"
-        told = ", ".join(f"{open_.count(k)} with {k}" for k in dict.fromkeys(open_))
-        return text + (f", not counting {told}" if told else "")
+        unknown = ", ".join(f"{open_.count(k)} with {k}" for k in dict.fromkeys(open_))
+        return text + (f", not counting {unknown}" if unknown else "")
 
 
 def jobs_of(campaign: Campaign) -> dict[str, Job]:
@@ -174,7 +174,7 @@ class Progress:
         self._end()
         if self.tell is not None and run.plan.whole and any(o.undrawn for o in run.outcomes):
             self.tell(run)
-            run.told = True
+            run.shown = True
 
     # -- how it is shown -------------------------------------------------------------------------------------
 

@@ -41,10 +41,10 @@ def progress() -> Iterator[None]:
 
 
 def written(
-    told: Mapping[str, object], rows: Sequence[Mapping[str, object]], files: Sequence[Path], *, as_json: bool
+    facts: Mapping[str, object], rows: Sequence[Mapping[str, object]], files: Sequence[Path], *, as_json: bool
 ) -> None:
     """A result that lies in files of one folder."""
-    result({**told, "files": [str(f) for f in files]}, rows, as_json=as_json)
+    result({**facts, "files": [str(f) for f in files]}, rows, as_json=as_json)
     line(f"results in {files[0].parent}: {', '.join(f.name for f in files)}")
 
 
@@ -220,18 +220,18 @@ def look_at(made: Sequence[Path]) -> None:
         line(f"look at {f}" + (f"  ({SHOWS[f.suffix]})" if f.suffix in SHOWS else ""))
 
 
-def exploration(told: Round, folders: Sequence[Path], made: list[Path], as_json: bool) -> None:
+def exploration(round_: Round, folders: Sequence[Path], made: list[Path], as_json: bool) -> None:
     """What is believed now, what is to be done next, or why nothing is."""
-    causes = sorted(((p, m) for m, p in told.causes.items()), reverse=True)
+    causes = sorted(((p, m) for m, p in round_.causes.items()), reverse=True)
     rows = [{"cause": m, "probability": p} for p, m in causes[:6]]
-    data = {**asdict(told), "folders": [str(f) for f in folders], "files": [str(f) for f in made]}
+    data = {**asdict(round_), "folders": [str(f) for f in folders], "files": [str(f) for f in made]}
     result(data, rows, as_json=as_json)
-    for text in told.left_out[:6]:
+    for text in round_.left_out[:6]:
         line(f"not compared: {text}")
-    for p in told.proposed:
+    for p in round_.proposed:
         line(f"next: {p.name} {p.said}; cost {p.cost:g}")
-    if told.end:
-        line(f"end: {told.end}")
+    if round_.end:
+        line(f"end: {round_.end}")
     elif folders:
         line(f"record {', '.join(str(f) for f in folders)}, then run the same command again")
     line("written: " + ", ".join(str(f) for f in made))
@@ -259,7 +259,7 @@ def outcome(done: Run, *, as_json: bool, whole: bool = False) -> None:
             "diagnosis": diagnosis and diagnosis.values,
         }
         print(json.dumps(plain(data), indent=1))
-    elif not done.told:
+    elif not done.shown:
         tables(campaign, outcomes, diagnosis, whole=whole)
     warned(outcomes)
     older = {o.name: o.older for o in outcomes if o.older}
@@ -322,10 +322,10 @@ def _experiments(campaign: Campaign, outcomes: Sequence[Outcome], diagnosis: Dia
     why = odd(campaign, outcomes, diagnosis)
     whole = whole or diagnosis is None or len(outcomes) <= FEW  # without a verdict the table is what was found
     shown = [o for o in outcomes if whole or o.name in why]
-    told = [o for o in shown if o.summary or o.errors]
+    listed = [o for o in shown if o.summary or o.errors]
     if diagnosis:
         print()
-    if told and len((rows := overview(campaign, told))[0]) > 1:
+    if listed and len((rows := overview(campaign, listed))[0]) > 1:
         table([{**row, "stands out": why.get(row["experiment"], "")} if why else row for row in rows])
     if shown:
         _left(len(outcomes) - len(shown), "experiments that do not stand out")

@@ -65,12 +65,12 @@ def write_campaign(file: Path, out: Path, *, seed: int, workers: int = 1, discs:
     whole = not parts[0].part
     comment = f"{parts[0].header.name if whole else file.stem}; the truth is in {TRUTH}."
     write.toml(out / "campaign.toml", defaults(parts[0]) if whole else {}, comment=comment)
-    told = hidden(parts[0]) if whole else {"parts": {p.part.removesuffix("-"): hidden(p) for p in parts}}
+    concealed = hidden(parts[0]) if whole else {"parts": {p.part.removesuffix("-"): hidden(p) for p in parts}}
     true = {
         e.name: json.loads((out / e.name / TRUTH).read_text(encoding="utf-8")) for p in parts for e in p.experiments
     }
     brief = {name: {k: v for k, v in t.items() if k not in LONG} for name, t in true.items()}
-    write.truth(out / TRUTH, told, {"experiments": brief})
+    write.truth(out / TRUTH, concealed, {"experiments": brief})
     return len(work)
 
 

@@ -321,7 +321,7 @@ def jumps_of(
             axes = {"pulses": s.pulses, "shaking": s.shaking}
         axes |= {"frequency": s.frequency, "amplitude": s.amplitude, "delay": s.delay}
         axes["phase"] = s.phase or (PHASES[s.kind],)
-        told = [n for n, a in axes.items() if len(a) > 1 and n != "frequency"]
+        varied = [n for n, a in axes.items() if len(a) > 1 and n != "frequency"]
         for values in product(*axes.values()):
             v = dict(zip(axes, values))
             cycles, amplitude = (0.0, 0.0) if s.kind == "none" else (s.cycles, v["amplitude"])
@@ -337,7 +337,7 @@ def jumps_of(
                 "delay": "delay",
                 "phase": "phase",
             }
-            group = "-".join([part + s.kind, f"{v['frequency']:.6g}Hz", *(f"{unit[n]}{v[n]:.6g}" for n in told)])
+            group = "-".join([part + s.kind, f"{v['frequency']:.6g}Hz", *(f"{unit[n]}{v[n]:.6g}" for n in varied)])
             for trial in range(1, s.trials + 1):
                 number = first + len(out)
                 name, phi = f"{group}-{trial}", v["volume_fraction"]
@@ -354,8 +354,8 @@ def intrusions_of(
         ways = {other.stops for other in sweeps if other.kind == s.kind}
         stops = f"-{s.stops}stops" if s.kind != "intrusion" and len(ways) > 1 else ""
         for radius, phi in product(s.foot_radius or (foot_radius,), s.volume_fraction):
-            told = (f"-R{1e3 * radius:.6g}mm" if len(s.foot_radius) > 1 else "") + stops
-            group = f"{part}{s.kind}{told}-phi{phi:.6g}"
+            variant = (f"-R{1e3 * radius:.6g}mm" if len(s.foot_radius) > 1 else "") + stops
+            group = f"{part}{s.kind}{variant}-phi{phi:.6g}"
             for trial in range(1, s.trials + 1):
                 number = first + len(out)
                 out.append(Intrusion(number, f"{group}-{trial}", group, moves_of(s), radius, phi))

@@ -168,17 +168,17 @@ def reveal(out: Path, results: Path | None = None) -> dict[str, str | float]:
     """The answer of `out`, and the scores of diagnosis.json and explore.json in results/<name> beside it (or in
     `results`), those that are there."""
     answer = unseal(sealed_file(out))
-    told: dict[str, str | float] = {"hidden": ", ".join(answer.hidden) or "nothing"}
-    told |= {f"true {k}": float(f"{v:.5g}") for k, v in answer.parameters.items()}
-    told |= {"strength (0-1)": ", ".join(f"{s:.2f}" for s in answer.strength)}
+    answers: dict[str, str | float] = {"hidden": ", ".join(answer.hidden) or "nothing"}
+    answers |= {f"true {k}": float(f"{v:.5g}") for k, v in answer.parameters.items()}
+    answers |= {"strength (0-1)": ", ".join(f"{s:.2f}" for s in answer.strength)}
     folder = results or out.absolute().parent / "results" / out.absolute().name
     scores = {folder / "diagnosis.json": score, folder / "explore.json": score_explored}
     there = [f for f in scores if f.exists()]
     if not there:
-        return told | {"outcome": f"no {' and no '.join(map(str, scores))} yet: run jumpvision diagnose, or explore"}
+        return answers | {"outcome": f"no {' and no '.join(map(str, scores))} yet: run jumpvision diagnose, or explore"}
     for file in there:
-        told |= scores[file](json.loads(file.read_text(encoding="utf-8")), answer)
-    return told
+        answers |= scores[file](json.loads(file.read_text(encoding="utf-8")), answer)
+    return answers
 
 
 def score(diagnosis: Mapping[str, Any], answer: Answer) -> dict[str, str | float]:

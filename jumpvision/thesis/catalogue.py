@@ -92,9 +92,9 @@ def _offered(source: Path, recordings: Experiment | None) -> Iterator[Offered]:
 def of_sweep(file: Path) -> Offered:
     """The figure of a sweep or a comparison."""
     data = read_sweep(file)
-    told = origin_of(data)
-    own = file.stem if "-" in file.stem else f"sweep-{told.analysis}"  # one that another has taken the name of
-    return Offered(own, f"{told.ground} ground: {told.analysis}", lambda F: sweep_figure(data, F))
+    origin = origin_of(data)
+    own = file.stem if "-" in file.stem else f"sweep-{origin.analysis}"  # one that another has taken the name of
+    return Offered(own, f"{origin.ground} ground: {origin.analysis}", lambda F: sweep_figure(data, F))
 
 
 def of_results(r: Results) -> Iterator[Offered]:

@@ -56,13 +56,13 @@ def write_sweep(file: Path) -> Path:
 
 def words(data: xr.Dataset) -> tuple[str, list[tuple[str, str, str]]]:
     """(sentence, numbers): where the highest jump of a map lies; else what the analysis is."""
-    told = origin_of(data)
-    if told.analysis != grid.name or not np.isfinite(data.com_height_m).any():
-        return f"{told.ground} ground: {told.analysis.replace('-', ' ')}".capitalize() + ".", []
+    origin = origin_of(data)
+    if origin.analysis != grid.name or not np.isfinite(data.com_height_m).any():
+        return f"{origin.ground} ground: {origin.analysis.replace('-', ' ')}".capitalize() + ".", []
     best = data.isel(data.com_height_m.argmax(...)) if data.com_height_m.dims else data
     at = ", ".join(axis_value(str(d), float(best[d])) for d in data.com_height_m.dims)
     height = f"{1e3 * float(best.com_height_m):.4g}"
-    text = f"{told.robot.capitalize()}: the highest of "
+    text = f"{origin.robot.capitalize()}: the highest of "
     text += f"{data.com_height_m.size} jumps raises the centre of mass {height} mm" + (f", at {at}." if at else ".")
     facts = [(height, "mm", "highest centre of mass")]
     facts += [

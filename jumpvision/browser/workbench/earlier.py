@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from jumpvision.base.record import Record, RecordError
-from jumpvision.base.schema import InputError, Told
+from jumpvision.base.schema import InputError, WarningRecord
 from jumpvision.experiment import files
 from jumpvision.experiment.campaign.folder import results_of
 from jumpvision.experiment.inputs.experiment import EXPERIMENT, open_experiment
@@ -42,7 +42,7 @@ class Earlier:
 
     results: str
     report: bool
-    warnings: tuple[Told, ...]
+    warnings: tuple[WarningRecord, ...]
     held: tuple[str, ...]
     changed: tuple[str, ...]
 
@@ -122,7 +122,7 @@ class Before:
     def _workspace(self) -> Workspace:
         return Workspace(open_experiment(self.folder), self.results, self._cache)
 
-    def _warnings(self) -> tuple[Told, ...]:
+    def _warnings(self) -> tuple[WarningRecord, ...]:
         """What the stages said of the experiment as it lies on the disk."""
         try:
             return tuple(self._workspace().said()) if self._made else ()

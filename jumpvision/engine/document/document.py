@@ -123,8 +123,8 @@ def document(d: Findings, speaker: Speaker, stopped: str = "") -> Diagnosis:
     data = replace(data, baseline=replace(data.baseline, rmse_height_m=off))
     words = speaker.words(data)
     untold = [x.words for x in data.doubts if x.kind != record.DoubtKind.STEPPED]
-    told = " ".join([sentence(data, words, stopped), *(f"{x[0].upper()}{x[1:].rstrip('.?')}." for x in untold)])
-    return replace(data, sentence=told, confirmed=contradictions(data, words.apart))
+    text = " ".join([sentence(data, words, stopped), *(f"{x[0].upper()}{x[1:].rstrip('.?')}." for x in untold)])
+    return replace(data, sentence=text, confirmed=contradictions(data, words.apart))
 
 
 def varies(d: Findings) -> tuple[record.Varies, ...]:

@@ -30,9 +30,9 @@ def sentence(d: Diagnosis, words: Words, stopped: str = "") -> str:
         return f"{those}. {_not_constant_alone(d, words)}{f'; {stopped}' if stopped else ''}."
     if stopped and not d.causes:
         return f"{words.misses}; which mechanism it lacks is not known yet: {stopped}."
-    told = _named(d, words) if d.named else _unnamed(d, words)
+    verdict = _named(d, words) if d.named else _unnamed(d, words)
     left = "the rest was not tested" if d.gain else "not tried on conditions held out"
-    return words.misses + told + (f"; {left}: {stopped}." if stopped else ".")
+    return words.misses + verdict + (f"; {left}: {stopped}." if stopped else ".")
 
 
 def _mended(varies: Sequence[record.Varies]) -> str:

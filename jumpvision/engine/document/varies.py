@@ -42,10 +42,10 @@ def clauses(varies: Sequence[Varies], words: Words) -> list[str]:
     for v in varies:
         if v.kind is Pattern.ODD and v.parameter in words.drive:
             odd.setdefault(v.recordings, []).append(v)
-    told = [v for v in varies if v not in odd.get(v.recordings, ())[1:]]
+    shown = [v for v in varies if v not in odd.get(v.recordings, ())[1:]]
     return [
         _not_driven(odd[v.recordings], words) if v in odd.get(v.recordings, ()) else varies_in_words(v, words)
-        for v in told
+        for v in shown
     ]
 
 

@@ -164,8 +164,8 @@ def _prediction(found: Findings, system: Studied) -> Prediction | None:
         fits = [found.law.fit]
     else:
         test = found.naming.best.detection
-        told = found.naming.status == Status.COMPLETE and test is not None and test.chi2_per_dof >= LOOSE
-        tried = [*(e.fit for e in found.naming.tried), *([] if told else _of_all(found, problem))]
+        explained = found.naming.status == Status.COMPLETE and test is not None and test.chi2_per_dof >= LOOSE
+        tried = [*(e.fit for e in found.naming.tried), *([] if explained else _of_all(found, problem))]
         fits = [found.baseline, *(f for f in tried if not own & set(f.mechanisms))]
     fit, error = best_at_prediction(problem, fits)
     before = held_out_error(problem, found.baseline)

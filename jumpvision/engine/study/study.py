@@ -369,8 +369,8 @@ class Study:
                 "study: jacobian: it knows no laws, and is of one run; leave out symbols, batch or jacobian"
             )
         problems += [problem for m in self.mechanisms if m.law and (problem := self.law_problem(m))]
-        told = [c.name_of(n) for c in self.channels for n in {*self.considered(c), *c.sigmas}]
-        shared = [*(p.name for p in self.parameters), *told]
+        of_channels = [c.name_of(n) for c in self.channels for n in {*self.considered(c), *c.sigmas}]
+        shared = [*(p.name for p in self.parameters), *of_channels]
         own = [p.name for m in self.mechanisms for p in m.parameters]
         for what, names in (
             ("parameters", shared),

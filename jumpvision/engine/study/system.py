@@ -125,8 +125,8 @@ class Studied:
             free = [self._of_instrument(free[0], *own, frame)]
         if m.function is not None and not free:
             free = [Parameter(DUMMY + m.name, 0.0, -1.0, 1.0, 1.0)]
-        told = [p.name not in self.probed.idle for p in m.parameters[1:]]
-        shapes = tuple(tuple(float(x) for x, kept in zip(s, told) if kept) for s in m.shapes)
+        active = [p.name not in self.probed.idle for p in m.parameters[1:]]
+        shapes = tuple(tuple(float(x) for x, kept in zip(s, active) if kept) for s in m.shapes)
         dear = own is not None and self.study.channels[own[0]].consider is None
         return Candidate(tuple(free), m.null, shapes, replaces="simulate" if m.function is not None else "", dear=dear)
 

@@ -88,8 +88,8 @@ def log10_odds(
             gained = np.array([gain(both, fit, *([true] if fit is right else [])) for fit in before])
             rest = np.delete(gained + np.log(weight), k)
             odds.append(gained[k] - np.logaddexp.reduce(rest) + math.log(max(1.0 - weight[k], 1e-300)))
-    told = np.array(odds) / math.log(10)
-    return told[np.isfinite(told)]  # no rival can be followed there: that says nothing of the right one
+    decades = np.array(odds) / math.log(10)
+    return decades[np.isfinite(decades)]  # no rival can be followed there: that says nothing of the right one
 
 
 def gain(problem: Problem, fit: Fit | None, *starts: Mapping[str, float]) -> float:

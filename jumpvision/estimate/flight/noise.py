@@ -207,13 +207,13 @@ def _scaled(given: list[Piece], noise: Noise) -> list[Piece]:
 
 def _stretches(given: list[Piece], now: list[Piece], gravity: float) -> Iterator[tuple[Piece, Array]]:
     """Calm stretches of the pieces as given, with the columns of their course."""
-    for told, piece in zip(given, now):
+    for original, piece in zip(given, now):
         if piece.t.size < LONG:
             continue
         kept, parts = parts_of(piece, gravity)
-        told = told.of(np.flatnonzero(np.isin(told.t, kept.t)))
+        original = original.of(np.flatnonzero(np.isin(original.t, kept.t)))
         for part in calm(parts, LONG):
-            here = told.part(part.i, part.j)
+            here = original.part(part.i, part.j)
             tau = (here.t - here.t[0]) / (here.t[-1] - here.t[0])
             if part.kind == FLIGHT:
                 here = replace(here, y=here.y + 0.5 * gravity * (here.t - here.t[0]) ** 2)

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from jumpvision.base.record import plain
-from jumpvision.base.schema import FileSection, InputError, Told
+from jumpvision.base.schema import FileSection, InputError, WarningRecord
 from jumpvision.base.storage import write_aside
 from jumpvision.experiment import files
 from jumpvision.experiment.inputs.experiment import Campaign, Experiment
@@ -65,7 +65,7 @@ class Run:
     diagnosis: Diagnosis | None = None
     files: list[Path] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)  # on what earlier runs left
-    told: bool = False  # the watcher has shown what was found
+    shown: bool = False  # the watcher has shown what was found
 
     @functools.cached_property
     def rows(self) -> list[JumpRow]:
@@ -130,10 +130,10 @@ def run_folder(
         if asked:
             from .diagnose import question
 
-            told = {o.name: o for o in run.outcomes}
+            by_name = {o.name: o for o in run.outcomes}
             run.diagnosis, run.files = question(
                 campaign,
-                told,
+                by_name,
                 plan.results,
                 plan.cache,
                 workers=workers,
@@ -173,8 +173,8 @@ def _apart(campaign: Campaign, results: Path, *, single: bool) -> None:
 def _digest(e: Experiment, o: Outcome) -> str:
     """Of all of an experiment that tables of a campaign may show."""
     sections = {n: replace(s, path=Path()) if isinstance(s, FileSection) else s for n, s in e.sections.items()}
-    told = [repr(sorted(sections.items())), repr(e.params), repr(e.header), *o.errors]
-    return hashlib.sha256("\n".join([*told, digest_of_results(o.results)]).encode()).hexdigest()
+    texts = [repr(sorted(sections.items())), repr(e.params), repr(e.header), *o.errors]
+    return hashlib.sha256("\n".join([*texts, digest_of_results(o.results)]).encode()).hexdigest()
 
 
 def _outcomes(
@@ -254,7 +254,7 @@ def _craters(run: Run) -> list[Path]:
     return write_craters(craters, zero_crossing(craters), run.plan.results)
 
 
-def warnings_of(campaign: Campaign, told: Mapping[str, Sequence[Told]]) -> list[dict[str, object]]:
+def warnings_of(campaign: Campaign, warned: Mapping[str, Sequence[WarningRecord]]) -> list[dict[str, object]]:
     """Of a campaign, from what is told of each experiment: {experiment, kind, message, recording, values}."""
     from .copies import repeated
 
@@ -262,7 +262,7 @@ def warnings_of(campaign: Campaign, told: Mapping[str, Sequence[Told]]) -> list[
     return [
         {"experiment": e.name, **w}
         for e in campaign.experiments
-        for w in [*told.get(e.name, ()), *(d.told for d in twice.get(e.name, ()))]
+        for w in [*warned.get(e.name, ()), *(d.record for d in twice.get(e.name, ()))]
     ]
 
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from jumpvision.base.arrays import Array
-from jumpvision.base.schema import InputError, Told, read, told_in
+from jumpvision.base.schema import InputError, WarningRecord, read, warnings_in
 from jumpvision.engine.priors import Measured
 from jumpvision.experiment.inputs.experiment import Campaign, Experiment
 from jumpvision.experiment.inputs.model import ModelSpec
@@ -96,9 +96,9 @@ def load_jumps(
         if not outcome.made(RodMotion):
             left_out.append(f"{e.name}: {outcome.errors[0] if outcome.errors else 'no track'}")
             continue
-        jump, told = _jump(e, outcome)
+        jump, warnings_of_jump = _jump(e, outcome)
         jumps.append(replace(jump, circumstances=known[e.name]))
-        warned += [f"{e.name}: {t['message']}" for t in told if not outcome.made(Simulation)]
+        warned += [f"{e.name}: {t['message']}" for t in warnings_of_jump if not outcome.made(Simulation)]
     conditions = {j.condition for j in jumps}
     if len(jumps) < FEWEST or len(conditions) < CONDITIONS:
         raise InputError(
@@ -120,7 +120,7 @@ def spec_of(e: Experiment) -> ModelSpec:
     raise InputError([f"{e.path / 'experiment.toml'}: [model]: missing; on granular ground its parameters are needed"])
 
 
-def _jump(e: Experiment, outcome: Outcome) -> tuple[Jump, list[Told]]:
+def _jump(e: Experiment, outcome: Outcome) -> tuple[Jump, list[WarningRecord]]:
     """The jump, and what the stage `simulate` would say of its model and its motor."""
     law, log, section = _law(e), e.section(MotorLog), e.section(Bed)
     bed = BedHeight.load(outcome.results) if outcome.made(BedHeight) else None
@@ -165,7 +165,7 @@ def _jump(e: Experiment, outcome: Outcome) -> tuple[Jump, list[Told]]:
         shared=common_errors(e, rod),
         measured=(height.value, height.sigma) if height and height.known else None,
     )
-    return jump, told_in(caught)
+    return jump, warnings_in(caught)
 
 
 def _conditioned(jumps: list[Jump]) -> list[Jump]:

@@ -73,13 +73,13 @@ def recordings(folder: Path, given: Mapping[str, str]) -> tuple[list[Recording],
     names = [*roles, *(n for n in candidates(folder) if n not in roles)]
     for name in names:
         try:
-            with warnings.catch_warnings(record=True) as told:
+            with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always", StageWarning)
                 recording = recognised(folder, name, roles.get(name))
         except (FrameError, InputError) as e:
             notes.append(f"{name}: not used: {str(e).removeprefix(f'{folder / name}: ')}")
             continue
-        said = [str(w.message) for w in told if issubclass(w.category, StageWarning)]
+        said = [str(w.message) for w in caught if issubclass(w.category, StageWarning)]
         notes += [f"{name}: {text.removeprefix(f'{folder / name}: ')}" for text in dict.fromkeys(said)]
         if recording.section not in found:
             found[recording.section] = recording

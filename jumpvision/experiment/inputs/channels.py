@@ -53,16 +53,16 @@ def tdms(path: Path, asked: Collection[str]) -> Held:
 
 
 def _of_tdms(name: str, channel: TdmsChannel) -> Channel:
-    values, told = np.asarray(channel[:]), channel.properties
+    values, properties = np.asarray(channel[:]), channel.properties
     if values.dtype.kind == "M":  # dates: time since the first
         values = (values - values[:1]) / np.timedelta64(1, "us") * 1e-6
-    step = float(told.get("wf_increment") or 0.0)
-    first = float(told.get("wf_start_offset") or 0.0)
+    step = float(properties.get("wf_increment") or 0.0)
+    first = float(properties.get("wf_start_offset") or 0.0)
     clock = first + step * np.arange(len(values), dtype=float) if step > 0.0 else None
-    began = told.get("wf_start_time")
+    began = properties.get("wf_start_time")
     # LabVIEW counts from 1904: that is a date that was never set
     known = began is not None and np.datetime64(began) > np.datetime64("1904-01-02")
-    unit = str(told.get("unit_string") or "").strip()
+    unit = str(properties.get("unit_string") or "").strip()
     return Channel(name, values, unit, clock, np.datetime64(began) if known else None)
 
 

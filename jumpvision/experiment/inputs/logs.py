@@ -74,8 +74,8 @@ def _read(
     raw = _cells(path, columns, optional, dict(called), rate)
     rows = {c: len(channel.values) for c, channel in raw.items()}
     if len(set(rows.values())) > 1:
-        told = ", ".join(f"{raw[c].name} has {n}" for c, n in rows.items())
-        raise InputError([f"{path}: channels of one log must have as many values: {told}"])
+        lengths = ", ".join(f"{raw[c].name} has {n}" for c, n in rows.items())
+        raise InputError([f"{path}: channels of one log must have as many values: {lengths}"])
     if rows[columns[0]] < at_least:
         raise InputError([f"{path}: {rows[columns[0]]} rows; at least {at_least} are needed"])
     problems, out = [], {}

@@ -27,7 +27,7 @@ FORMS = "as a LabVIEW measurement file (.lvm) with one column of X values, or as
 class Segment:
     """One stretch of rows. told: its header, cells by key. line: of its first row in the file; rows: cells as text."""
 
-    told: Mapping[str, list[str]]
+    header: Mapping[str, list[str]]
     names: list[str]
     line: int
     rows: list[list[str]]
@@ -80,13 +80,13 @@ def _text(path: Path) -> str:
 
 def _header(lines: list[str], begin: int) -> tuple[dict[str, list[str]], int]:
     """Cells by key up to the header's end, and the line after it; keys and cells are parted by tabs or commas."""
-    told: dict[str, list[str]] = {}
+    header: dict[str, list[str]] = {}
     for i in range(begin, len(lines)):
         if lines[i].startswith(END):
-            return told, i + 1
+            return header, i + 1
         key, *cells = re.split(r"\t|,(?!\d)", lines[i].rstrip())
-        told[key] = [c.strip() for c in cells if c.strip()]
-    return told, len(lines)
+        header[key] = [c.strip() for c in cells if c.strip()]
+    return header, len(lines)
 
 
 def _segments(path: Path, lines: list[str], begin: int, layout: Layout) -> Iterator[Segment]:
@@ -95,8 +95,8 @@ def _segments(path: Path, lines: list[str], begin: int, layout: Layout) -> Itera
         if not lines[i].strip():
             i += 1
             continue
-        told, i = _header(lines, i)
-        if "Channels" not in told or i >= len(lines):
+        header, i = _header(lines, i)
+        if "Channels" not in header or i >= len(lines):
             raise InputError(
                 [f"{path}: line {i}: no header of a segment (Channels, Samples, ... {END}): damaged; copy it again"]
             )
@@ -108,9 +108,9 @@ def _segments(path: Path, lines: list[str], begin: int, layout: Layout) -> Itera
             if any(cells[: len(names)]):
                 rows.append(_fitted(path, i + 1, cells, names))
             i += 1
-        _promised(path, told, names, rows, first)
+        _promised(path, header, names, rows, first)
         if rows:
-            yield Segment(told, names, first, rows)
+            yield Segment(header, names, first, rows)
         i = _after_special(lines, i)
 
 
@@ -138,9 +138,9 @@ def _fitted(path: Path, line: int, cells: list[str], names: list[str]) -> list[s
     return cells[: len(names)]
 
 
-def _promised(path: Path, told: Mapping[str, list[str]], names: list[str], rows: list[list[str]], line: int) -> None:
+def _promised(path: Path, header: Mapping[str, list[str]], names: list[str], rows: list[list[str]], line: int) -> None:
     """A word about rows that the header promises and the file lacks."""
-    whole = max((int(n) for n in told.get("Samples", ()) if n.isdigit()), default=0)
+    whole = max((int(n) for n in header.get("Samples", ()) if n.isdigit()), default=0)
     if len(rows) < whole:
         tell(
             f"{path}: line {line}: the header promises {whole} samples, {len(rows)} are there: the file was cut off, "
@@ -161,15 +161,15 @@ def _places(names: list[str], layout: Layout) -> dict[str, int]:
 def _channel(name: str, column: int, segments: list[Segment], layout: Layout) -> Channel:
     values = [_without_end(_column(s, column, layout)) for s in segments]
     number = column // 2 if layout.x_columns == "multi" else column - 1  # of the channel in the headers
-    told = segments[0].told
-    unit = _cell(told, "Y_Unit_Label", number)
-    if name == "X_Value" or _cell(told, "X_Dimension", number).lower() not in ("time", ""):
+    header = segments[0].header
+    unit = _cell(header, "Y_Unit_Label", number)
+    if name == "X_Value" or _cell(header, "X_Dimension", number).lower() not in ("time", ""):
         return Channel(name, np.concatenate(values), "" if name == "X_Value" else unit)
     try:
         clock, note = _clock(segments, column, number, [len(v) for v in values], layout)
     except _Untimed as e:
         return Channel(name, np.concatenate(values), unit, untimed=str(e))
-    return Channel(name, np.concatenate(values), unit, clock, _date(told, number), note=note)
+    return Channel(name, np.concatenate(values), unit, clock, _date(header, number), note=note)
 
 
 def _column(segment: Segment, column: int, layout: Layout) -> Array:
@@ -185,8 +185,8 @@ def _without_end(cells: Array) -> Array:
     return cells[: full[-1] + 1] if full.size else cells[:0]
 
 
-def _cell(told: Mapping[str, list[str]], key: str, number: int) -> str:
-    cells = told.get(key, [])
+def _cell(header: Mapping[str, list[str]], key: str, number: int) -> str:
+    cells = header.get(key, [])
     return cells[number] if 0 <= number < len(cells) else ""
 
 
@@ -205,7 +205,7 @@ def _clock(segments: list[Segment], column: int, number: int, rows: list[int], l
             x, note = _by_rate(segment, number, n)
         else:
             x = np.array([_number(c) for c in _column(segment, x_column, layout)[:n]])
-        late = _seconds(_date(segment.told, number), _date(segments[0].told, number))
+        late = _seconds(_date(segment.header, number), _date(segments[0].header, number))
         # X values that go on from segment to segment count from the first; such as begin anew from their own date
         on = bool(out) and out[-1].size > 0 and x.size > 0 and x[0] > out[-1][-1]
         out.append(x if on else x + late)
@@ -221,14 +221,14 @@ def _number(text: str) -> float:
 
 def _by_rate(segment: Segment, number: int, rows: int) -> tuple[Array, str]:
     """Times by X0 and Delta_X of the segment's header, and what to know about them."""
-    samples = _cell(segment.told, "Samples", number)
+    samples = _cell(segment.header, "Samples", number)
     if samples.isdigit() and 0 < int(samples) < rows:
         raise _Untimed(
             f"line {segment.line}: {rows} rows under one header, written {samples} at a time: when each part began is "
             f"not in the file. Give rate = ... (1/s) if they follow each other without a gap, or save it {FORMS}"
         )
-    step, note = _step(_cell(segment.told, "Delta_X", number).replace(",", "."))
-    first = _number(_cell(segment.told, "X0", number).replace(",", ".") or "0")
+    step, note = _step(_cell(segment.header, "Delta_X", number).replace(",", "."))
+    first = _number(_cell(segment.header, "X0", number).replace(",", ".") or "0")
     return first + step * np.arange(rows, dtype=float), note
 
 
@@ -258,9 +258,9 @@ def _half_digit(text: str) -> float:
     return 0.5 * 10.0 ** (int(power or 0) - len(digits.partition(".")[2]))
 
 
-def _date(told: Mapping[str, list[str]], number: int) -> np.datetime64 | None:
+def _date(header: Mapping[str, list[str]], number: int) -> np.datetime64 | None:
     """When the segment began [ns], by its Date 2013/02/19 and Time 09:51:40,7271890640258789063."""
-    day, time = _cell(told, "Date", number).replace("/", "-"), _cell(told, "Time", number).replace(",", ".")
+    day, time = _cell(header, "Date", number).replace("/", "-"), _cell(header, "Time", number).replace(",", ".")
     try:
         return np.datetime64(f"{day}T{time[:18]}", "ns")
     except ValueError:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 from jumpvision.base.record import Record, plain
-from jumpvision.base.schema import Told, Toml
+from jumpvision.base.schema import Toml, WarningRecord
 from jumpvision.experiment import files
 
 Cell = str | float | int | None
@@ -62,7 +62,7 @@ class Summary(Record):
     motor_rise: Uncertain = _measured("motor_rise_m")
     spring_stiffness: Uncertain = _measured("spring_stiffness_N_m")
     simulated_height: float | None = _at("simulated_height_m")
-    warnings: tuple[Told, ...] = field(default=(), metadata={"keys": ("warnings",)})
+    warnings: tuple[WarningRecord, ...] = field(default=(), metadata={"keys": ("warnings",)})
 
     file = files.SUMMARY
 

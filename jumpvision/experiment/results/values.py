@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Generic, Required, Self, TypeAlias, TypedDict, TypeVar
 
 from jumpvision.base.record import Record, plain
-from jumpvision.base.schema import Told
+from jumpvision.base.schema import WarningRecord
 from jumpvision.experiment import files
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ class Values(Record, Generic[V]):
 class DoubtValues(TypedDict):
     """doubts.json."""
 
-    warnings: list[Told]
+    warnings: list[WarningRecord]
 
 
 class Doubts(Values[DoubtValues]):

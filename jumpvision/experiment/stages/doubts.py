@@ -68,7 +68,7 @@ def doubts(experiment: Experiment, given: Everything) -> Doubts:
     `warnings` [{kind, message, recording, values}], those of `jumpvision check`.
     """
     made: dict[type, Record | None] = {RodMotion: given.rod, BedHeight: given.height, CraterShape: given.shape}
-    told = suspicious(experiment, Found([], [], {}, made))
-    for t in told:
+    warned = suspicious(experiment, Found([], [], {}, made))
+    for t in warned:
         warnings.warn(StageWarning(t["kind"], t["message"], t["recording"], t["values"]), stacklevel=2)
-    return Doubts({"warnings": told})
+    return Doubts({"warnings": warned})

@@ -18,7 +18,7 @@ import numpy as np
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.record import Record
-from jumpvision.base.schema import InputError, StageWarning, Told, read, told_in
+from jumpvision.base.schema import InputError, StageWarning, WarningRecord, read, warnings_in
 from jumpvision.estimate.flight import contact_flights
 from jumpvision.experiment.inputs.experiment import Experiment
 from jumpvision.experiment.inputs.logs import read_log
@@ -79,7 +79,7 @@ class Found:
     """What is wrong with an experiment, and what is odd."""
 
     problems: list[str]
-    told: list[Told]
+    warned: list[WarningRecord]
     films: dict[str, Picture]
     made: dict[type, Record | None] = field(default_factory=dict)
     motor: tuple[Array, Array] | None = None  # time [s], position [m]
@@ -109,24 +109,24 @@ class Found:
         except (ValueError, OSError) as e:
             self.problems.append(str(e))
         else:
-            self.told += told_in(caught)
+            self.warned += warnings_in(caught)
             return got
         return None
 
 
-def preflight(e: Experiment) -> tuple[list[str], list[Told]]:
+def preflight(e: Experiment) -> tuple[list[str], list[WarningRecord]]:
     """(what would stop a run, what is suspicious) of one experiment, before it is run."""
     found = Found([], [], {})
     results_stages()  # all of them are registered
     for output in READ:
         found.made[output] = found.ask(partial(made_now, e, output))
-    told = suspicious(e, found)
+    warned = suspicious(e, found)
     toml = e.path / "experiment.toml"
     problems = [p if str(e.path) in p else f"{toml}: {p}" for p in found.problems]
-    return problems, told
+    return problems, warned
 
 
-def suspicious(e: Experiment, found: Found) -> list[Told]:
+def suspicious(e: Experiment, found: Found) -> list[WarningRecord]:
     """What is suspicious; in `found` the records that are there, what would stop a run is added to it."""
     _sections(e, found)
     _films(e, found)
@@ -139,8 +139,8 @@ def suspicious(e: Experiment, found: Found) -> list[Told]:
         *_names(e),
         *_doubts(e, found),
     ]
-    told = [*found.told, *(d.told for d in said)]
-    return [t for i, t in enumerate(told) if t not in told[:i]]
+    warned = [*found.warned, *(d.record for d in said)]
+    return [t for i, t in enumerate(warned) if t not in warned[:i]]
 
 
 READ = (RodMotion, BedHeight, CraterShape)  # records that doubts are about
@@ -173,7 +173,7 @@ def _sections(e: Experiment, found: Found) -> None:
     calibration, film = e.section(Calibration), e.section(RodVideo)
     if film is not None and in_pixels(film, calibration) and in_px_alone(e.section(Actuation)):
         said = "[rod_video] scale: missing: the track will be in px alone; give scale (metres per pixel) for heights"
-        found.told.append(StageWarning("missing", said, film.name).told)
+        found.warned.append(StageWarning("missing", said, film.name).record)
 
 
 def _name_of(kind: type) -> str:
@@ -366,12 +366,12 @@ def _clocks(e: Experiment, found: Found) -> Iterator[StageWarning]:
         if watched is None or name == watched:
             continue
         first, last = spans[watched]
-        told = f"[{name}] lasts from {begin:.4g} to {end:.4g} s, [{watched}] from {first:.4g} to {last:.4g} s"
+        lasts = f"[{name}] lasts from {begin:.4g} to {end:.4g} s, [{watched}] from {first:.4g} to {last:.4g} s"
         if end < first or begin > last:
-            said = f"{told}: they never meet; give start (s on the common clock), and times in seconds"
+            said = f"{lasts}: they never meet; give start (s on the common clock), and times in seconds"
             yield StageWarning("clock", said, name, {"begin_s": begin, "end_s": end})
         elif name.endswith("_log") and last > first and _prefix((end - begin) / (last - first)):
-            said = f"{told}: {(end - begin) / (last - first):.3g} times as long; are its times in ms?"
+            said = f"{lasts}: {(end - begin) / (last - first):.3g} times as long; are its times in ms?"
             yield StageWarning("unit", said, name, {"lasts_s": end - begin, f"{watched}_s": last - first})
     if law is not None and found.motor is not None:
         yield from _onset(found.motor, law)

@@ -66,7 +66,7 @@ def summary(
     own = [*packed_otherwise(section, bed), *other_height(found)]
     for doubt in own:
         warnings.warn(doubt, stacklevel=2)
-    return replace(found, warnings=(*said, *(d.told for d in own)))
+    return replace(found, warnings=(*said, *(d.record for d in own)))
 
 
 def packed_otherwise(section: Bed | None, bed: BedHeight | None) -> Iterator[StageWarning]:

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TypedDict
 
 from jumpvision import __version__
-from jumpvision.base.schema import Told
+from jumpvision.base.schema import WarningRecord
 from jumpvision.base.storage import aside_folder, remove_aside, sealed, sha256, stamp, sync, unsealed, write_aside
 
 RECEIPT = "receipt.json"
@@ -33,7 +33,7 @@ class Receipt(TypedDict):
     version: int
     key: str
     versions: dict[str, str]  # of the packages that made it
-    warnings: list[Told]
+    warnings: list[WarningRecord]
     not_applicable: list[str]  # why there is no record; empty where there is one
     outputs: dict[str, str]  # file: SHA-256
 
@@ -127,7 +127,7 @@ def keep(
     fill: Callable[[Path], None],
     *,
     version: int,
-    warnings: list[Told],
+    warnings: list[WarningRecord],
     not_applicable: list[str],
     good: Callable[[], bool],
 ) -> Receipt:

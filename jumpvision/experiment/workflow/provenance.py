@@ -55,9 +55,9 @@ def settle(workspace: Workspace, command: str) -> list[str]:
     still = dict(_still_valid(workspace, before))
     notes = _withdraw(workspace, before, {f for made in still.values() for f in made["files"]})
     if workspace.steps or still:
-        told = plain(_content(workspace, before, still, command))
-        if told != {**before, "command": command}:  # of a run that changed nothing: it stays that of who made them
-            pieces = json.JSONEncoder(indent=1).iterencode(told)  # of a film of pictures 100,000 names and digests
+        now = plain(_content(workspace, before, still, command))
+        if now != {**before, "command": command}:  # of a run that changed nothing: it stays that of who made them
+            pieces = json.JSONEncoder(indent=1).iterencode(now)  # of a film of pictures 100,000 names and digests
             write_aside(workspace.results / files.PROVENANCE, chain(pieces, ["\n"]))
     elif before:
         (workspace.results / files.PROVENANCE).unlink(missing_ok=True)
@@ -66,10 +66,10 @@ def settle(workspace: Workspace, command: str) -> list[str]:
 
 def digest_of_results(results: Path) -> str:
     """Digest of the results of an experiment, without its pictures."""
-    told = read_provenance(results)
-    stages = told.get("versions", {}).get("stages", {})
-    made = [m for name, m in told.get("made", {}).items() if name in stages]
-    files = {f: told["outputs"].get(f) for m in made for f in m["files"]}
+    provenance = read_provenance(results)
+    stages = provenance.get("versions", {}).get("stages", {})
+    made = [m for name, m in provenance.get("made", {}).items() if name in stages]
+    files = {f: provenance["outputs"].get(f) for m in made for f in m["files"]}
     return hashlib.sha256(json.dumps(files, sort_keys=True).encode()).hexdigest()
 
 
@@ -217,8 +217,8 @@ def settle_tables(
     said = [*warnings]
     if lasting and then == made_of:  # only some stages were asked for
         said = [*before.get("warnings", []), *(w for w in said if w not in before.get("warnings", []))]
-    told = {"tables": tables, "experiments": dict(sorted(made_of.items())), "warnings": said, "command": command}
+    now = {"tables": tables, "experiments": dict(sorted(made_of.items())), "warnings": said, "command": command}
     known = before if earlier or then else {}
-    if told != known and (tables or known):
-        write_aside(file, json.dumps(told, indent=1) + "\n")
+    if now != known and (tables or known):
+        write_aside(file, json.dumps(now, indent=1) + "\n")
     return notes

@@ -16,7 +16,7 @@ from sys import intern
 import jumpvision
 from jumpvision.base.progress import HOOK, SHARE, WORKERS, Hook, Shared, setting
 from jumpvision.base.record import Record, plain
-from jumpvision.base.schema import InputError, Told, Toml, closest
+from jumpvision.base.schema import InputError, Toml, WarningRecord, closest
 from jumpvision.base.storage import sweep_leftovers
 from jumpvision.experiment.inputs.experiment import Experiment
 from jumpvision.experiment.inputs.model import tables_of
@@ -102,14 +102,14 @@ class Outcome:
         return sum(s.state == "computed" for s in self.steps)
 
     @property
-    def warnings(self) -> list[Told]:
-        """What its stages had to say, each once, in the order of `told_by`."""
-        return [told for _, told in self.told_by]
+    def warnings(self) -> list[WarningRecord]:
+        """What its stages had to say, each once, in the order of `warnings_by_stage`."""
+        return [warning for _, warning in self.warnings_by_stage]
 
     @property
-    def told_by(self) -> list[tuple[str, Told]]:
+    def warnings_by_stage(self) -> list[tuple[str, WarningRecord]]:
         """The same, with the stage that said it first."""
-        out: list[tuple[str, Told]] = []
+        out: list[tuple[str, WarningRecord]] = []
         for s in self.steps:
             out += [(s.stage, w) for w in s.warnings if all(w != known for _, known in out)]
         return out
@@ -117,7 +117,7 @@ class Outcome:
     @property
     def said(self) -> list[str]:
         """The same as lines for people, and notes on files of earlier runs."""
-        return [*(f"{stage}: {w['message']}" for stage, w in self.told_by), *self.notes]
+        return [*(f"{stage}: {w['message']}" for stage, w in self.warnings_by_stage), *self.notes]
 
     @property
     def older(self) -> list[str]:
@@ -193,17 +193,17 @@ def run_experiment(
 
 def _as_noted(experiment: Experiment, plan: Plan, results: Path, key: str) -> Outcome | None:
     """What became of an experiment, where all is as an earlier run noted it."""
-    told = unchanged.noted(plan.cache, results, key)
-    if told is None:
+    noted = unchanged.noted(plan.cache, results, key)
+    if noted is None:
         return None
-    steps = [_noted(**s) for s in told["steps"]]
-    summary = Summary.of(told["summary"]) if told["summary"] else UNKNOWN
-    known = Outcome(experiment.name, results, steps, not_run=[*map(intern, told["not_run"])], summary=summary)
+    steps = [_noted(**s) for s in noted["steps"]]
+    summary = Summary.of(noted["summary"]) if noted["summary"] else UNKNOWN
+    known = Outcome(experiment.name, results, steps, not_run=[*map(intern, noted["not_run"])], summary=summary)
     return None if plan.fresh and known.older else known
 
 
 def _noted(
-    stage: str, warnings: list[Told], versions: Mapping[str, str], files: Mapping[str, str], **_: object
+    stage: str, warnings: list[WarningRecord], versions: Mapping[str, str], files: Mapping[str, str], **_: object
 ) -> Step:
     """A step as of now, one for all experiments whose steps are alike: there may be 10,000. Key and digests, which only
     who looks into the results asks for, are left in the note."""
@@ -217,9 +217,9 @@ STEPS: dict[tuple[object, ...], Step] = {}
 def _note(workspace: Workspace, outcome: Outcome, key: str) -> None:
     """For `_as_noted`. A note that cannot be written is none: the run has done its work."""
     summary = outcome.summary.values if outcome.summary else {}
-    told = plain({"steps": [asdict(s) for s in outcome.steps], "not_run": outcome.not_run, "summary": summary})
+    noted = plain({"steps": [asdict(s) for s in outcome.steps], "not_run": outcome.not_run, "summary": summary})
     with contextlib.suppress(OSError, InputError):
-        unchanged.note(workspace, key, told)
+        unchanged.note(workspace, key, noted)
 
 
 def wanted(plan: Plan, name: str) -> Iterator[tuple[type, Stage]]:

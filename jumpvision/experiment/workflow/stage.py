@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Union, get_args, get_origin, 
 if TYPE_CHECKING:
     from jumpvision.base.record import Record
 
-from jumpvision.base.schema import FileSection, MissingKey, Told
+from jumpvision.base.schema import FileSection, MissingKey, WarningRecord
 from jumpvision.base.schema import StageWarning as StageWarning
 
 FOLDER = Path(__file__).parents[1] / "stages"  # every module below it may hold stages
@@ -36,7 +36,7 @@ class Input:
     optional: bool
 
 
-class Said(list[Told]):
+class Said(list[WarningRecord]):
     """An input: what all other stages that make results had to say of the experiment, each warning once."""
 
     file = "what was said"

@@ -38,13 +38,13 @@ from .workspace import Workspace, unpacked
 @functools.cache
 def _code() -> str:
     """Names, sizes and dates of the package's own files: with other code, other stages."""
-    told = []
+    stamps = []
     for at, folders, files in os.walk(Path(jumpvision.__file__).parent):
         folders[:] = sorted(f for f in folders if f != "__pycache__")
         for name in sorted(f for f in files if f.endswith(".py")):
             found = os.stat(file := os.path.join(at, name))
-            told.append((file, found.st_size, found.st_mtime_ns))
-    return hashlib.sha256(repr(told).encode()).hexdigest()
+            stamps.append((file, found.st_size, found.st_mtime_ns))
+    return hashlib.sha256(repr(stamps).encode()).hexdigest()
 
 
 def key_of(*asked: object) -> str:
@@ -52,7 +52,7 @@ def key_of(*asked: object) -> str:
     return hashlib.sha256(repr((_code(), *asked)).encode()).hexdigest()
 
 
-def note(workspace: Workspace, key: str, told: Toml) -> None:
+def note(workspace: Workspace, key: str, outcome: Toml) -> None:
     """Note what became of an experiment whose results lie there whole."""
     results, at = workspace.results, time.time()  # before the first look at a file
     receipt = results / PROVENANCE
@@ -63,7 +63,7 @@ def note(workspace: Workspace, key: str, told: Toml) -> None:
         "recordings": {str(path): _files_noted(files, at) for path, files in workspace.recordings.items()},
         "files": {str(f.absolute()): (*seen, digest) for f, seen, digest in files},
         "foreign": sorted(foreign.difference(os.listdir(results))),
-        "told": told,
+        "told": outcome,
     }
     remember(workspace.cache, NOTES, results, content)
     os.utime(memory(workspace.cache, NOTES, results), (at, at))

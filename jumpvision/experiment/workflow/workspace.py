@@ -21,7 +21,7 @@ from typing import Any, TypeVar, cast
 
 from jumpvision.base.progress import KEEPER, Shared, setting
 from jumpvision.base.record import Record
-from jumpvision.base.schema import InputError, Told, read, told_in
+from jumpvision.base.schema import InputError, WarningRecord, read, warnings_in
 from jumpvision.base.storage import (
     HASHES,
     ChangedFile,
@@ -51,7 +51,7 @@ class Step:
     stage: str
     state: str  # "computed" | "cached"
     seconds: float
-    warnings: list[Told]
+    warnings: list[WarningRecord]
     key: str
     versions: Mapping[str, str]
     files: Mapping[str, str]  # name: SHA-256
@@ -151,11 +151,11 @@ class Workspace:
         out = Said()
         for made in results_stages():
             if not any(i.type is Said for i in made.inputs):
-                told = now[made.name] if made.name in now else self._said_before(made)
-                out += [t for t in told if t not in out]
+                warned = now[made.name] if made.name in now else self._said_before(made)
+                out += [t for t in warned if t not in out]
         return out
 
-    def _said_before(self, made: Stage) -> list[Told]:
+    def _said_before(self, made: Stage) -> list[WarningRecord]:
         """What a stage that is not made now said of the folder as it is; nothing where it has not run."""
         if made.output in self._failed or self.missing(made.output):
             return []
@@ -262,7 +262,7 @@ class Workspace:
     def _input(self, i: Input) -> tuple[object, object]:
         """(what identifies it, the argument)."""
         if i.type is Said:
-            return (told := self.said()), told
+            return (said := self.said()), said
         if i.type is Experiment:
             e = self.experiment
             return [e.name, e.header.group, e.ground], e
@@ -302,7 +302,7 @@ class Workspace:
                 e.add_note(f"in stage '{made.name}' of {self.experiment.path}")
                 raise
         # a picture reads the film that its stage has read: its warnings are known
-        notes = [] if made.picture else told_in(caught)
+        notes = [] if made.picture else warnings_in(caught)
         for w in caught:
             if not issubclass(w.category, StageWarning):
                 warnings.warn_explicit(w.message, w.category, w.filename, w.lineno)

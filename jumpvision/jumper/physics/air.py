@@ -172,11 +172,11 @@ def floor(
     """
     zeta = bottom_height(force_at_floor, radius, constant)
     free = height - zeta
-    told = ""
+    at_floor = ""
     if law is not None:
         stress, rate = law
         added = float(bottom_force(height - depth, zeta, stress * math.pi * radius**2, rate))
-        told = f", where the floor adds {added:.2g} N"
+        at_floor = f", where the floor adds {added:.2g} N"
     return Finding(
         "depth before the floor is felt",
         free,
@@ -184,7 +184,7 @@ def floor(
         "m",
         free > depth,
         f"the floor is felt from {max(free, 0.0) * 1e3:.0f} mm depth on (zeta_b = {zeta * 1e3:.0f} mm above it); the "
-        f"foot reaches about {depth * 1e3:.0f} mm{told}",
+        f"foot reaches about {depth * 1e3:.0f} mm{at_floor}",
     )
 
 

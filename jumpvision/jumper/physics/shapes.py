@@ -83,10 +83,10 @@ def read_stl(path: Path, unit: float) -> Array:
         except ValueError:
             raise ValueError(f"{path}: a vertex of the STL is no three numbers, or a triangle is not whole") from None
     else:
-        told = (
+        sizes = (
             f"{count} triangles need {84 + RECORD.itemsize * count} bytes, it has {len(data)}" if count else "no facets"
         )
-        raise ValueError(f"{path}: no whole STL file ({told}); export it again")
+        raise ValueError(f"{path}: no whole STL file ({sizes}); export it again")
     if not len(corners) or not np.isfinite(corners).all():
         raise ValueError(f"{path}: the STL has no triangles, or corners that are no finite numbers")
     corners = corners * unit

@@ -274,12 +274,12 @@ class Jumper:
         t = self.tracks.t
         out, times = np.full((len(sets), t.size), np.nan), np.empty((len(sets), t.size))
         asked: list[tuple[int, int, Model]] = []  # jump, lane, model
-        told: list[tuple[Model, list[int]]] = []
+        films: list[tuple[Model, list[int]]] = []
         for lane, values in enumerate(sets):
             try:
                 models = {g: self.build(mechanisms, values, g) for g in self.bases}
             except InputError:
-                told.append((self.model, [*range(len(self.jumps))]))
+                films.append((self.model, [*range(len(self.jumps))]))
                 continue
             like, same_model = self._alike(models.values())
             runs = sorted({like[i] for i in which})
@@ -287,7 +287,7 @@ class Jumper:
             used = {k: self._own(models[j.model.ground], j, values) for k, j in own.items()}
             asked += [(i, lane, used[same_model[i]]) for i in runs]
             model = models[self.model.ground]  # of the film, which is told alike on both
-            told.append((model, like))
+            films.append((model, like))
             times[lane] = model.shown(t) - values.get("start", 0.0)
             self._to_clocks(times[lane], self.tracks, runs, values)
 
@@ -301,7 +301,7 @@ class Jumper:
         except ValueError:
             out[:] = np.nan
         said = []
-        for row, values, (model, like) in zip(out, sets, told):
+        for row, values, (model, like) in zip(out, sets, films):
             heights = model.filmed(row, t)
             said.append([self._reported(i, heights[self.tracks.places[like[i]]], values) for i in which])
         return said

@@ -107,8 +107,8 @@ def learn_noise(system: Jumper) -> Learned:
             "flight moves; film a longer rest, or repeat trials (same `group`)"
         )
     weighted = system.weighted(factors, [n for n, s in scatter.items() if s > 0])
-    told = tuple(warnings), tuple(outliers)
-    return Learned(noise, scatter, weighted, level.sigma, level.tails, scale, level.sources, *told)
+    notes = tuple(warnings), tuple(outliers)
+    return Learned(noise, scatter, weighted, level.sigma, level.tails, scale, level.sources, *notes)
 
 
 @dataclass(frozen=True)

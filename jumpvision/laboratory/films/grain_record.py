@@ -150,9 +150,9 @@ def write_grain_film(
         frames=flow_truth(flow, view, motion, shown, bed_density) | {"time_s": time} | clock.extra,
         pairs=flow_truth(flow, view, motion, middle(shown), bed_density) | {"time_s": middle(time)},
     )
-    told = {"mu": true.mu, "beta_deg": true.beta_deg, "added_mass_kg": mass_at_peak(true.pairs)}
+    truth = {"mu": true.mu, "beta_deg": true.beta_deg, "added_mass_kg": mass_at_peak(true.pairs)}
     tables = glass.tables(-float(motion.at("foot", shown[:1])[0]), start, film.rate, camera)
-    return Recording(tables, {"grain_film": true}, told)
+    return Recording(tables, {"grain_film": true}, truth)
 
 
 def middle(t: Array) -> Array:

@@ -81,7 +81,7 @@ def write_crate(found: list[Results], out: Path) -> list[str]:
     for key, write in (("license", _license), ("citation", _citation)):
         texts = sorted({r.provenance[key] for r in found if r.provenance.get(key)})
         if texts:
-            crate.root_dataset[key] = [entity(name, **told) for name, told in map(write, texts)]
+            crate.root_dataset[key] = [entity(name, **facts) for name, facts in map(write, texts)]
         else:
             lacking.append(f"no {key}: give {key} = ... above the first section of experiment.toml or campaign.toml")
     crate.write(out)
@@ -89,8 +89,8 @@ def write_crate(found: list[Results], out: Path) -> list[str]:
 
 
 def _versions(versions: Mapping[str, object]) -> str:
-    told = ", ".join(f"{p} {v}" for p, v in versions.items() if isinstance(v, str))
-    return f"made with {told}" if told else ""
+    packages = ", ".join(f"{p} {v}" for p, v in versions.items() if isinstance(v, str))
+    return f"made with {packages}" if packages else ""
 
 
 def _license(text: str) -> tuple[str, Mapping[str, str]]:

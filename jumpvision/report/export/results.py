@@ -41,11 +41,11 @@ def results_in(folder: Path) -> list[Results]:
         found = [_of_experiment(folder, folder.absolute().name)]
     elif (folder / files.CAMPAIGN).is_file():
         try:
-            told = json.loads((folder / files.CAMPAIGN).read_text(encoding="utf-8"))
-            tables, names = dict(told["tables"]), list(told["experiments"])
+            campaign = json.loads((folder / files.CAMPAIGN).read_text(encoding="utf-8"))
+            tables, names = dict(campaign["tables"]), list(campaign["experiments"])
         except (OSError, ValueError, TypeError, KeyError, RecursionError):
             raise InputError([f"{folder / files.CAMPAIGN}: damaged; run the campaign again"]) from None
-        found = [Results("", folder, tables, {"command": told.get("command", "")})]
+        found = [Results("", folder, tables, {"command": campaign.get("command", "")})]
         found += [_of_experiment(folder / n, n) for n in names if (folder / n).is_dir()]
     if not any(r.outputs for r in found):
         raise InputError([f"{folder}: no results there; give a folder that jumpvision run has written to"])
@@ -56,10 +56,10 @@ def results_in(folder: Path) -> list[Results]:
 
 
 def _of_experiment(folder: Path, name: str) -> Results:
-    told = read_provenance(folder)
-    if not told:
+    provenance = read_provenance(folder)
+    if not provenance:
         raise InputError([f"{folder / files.PROVENANCE}: missing or damaged; run again, then export"])
-    return Results(name, folder, told["outputs"], told)
+    return Results(name, folder, provenance["outputs"], provenance)
 
 
 def folder_for(one: Results, found: list[Results], out: Path) -> Path:

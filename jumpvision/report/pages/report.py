@@ -66,12 +66,12 @@ def write_report(
     if single:
         return outcomes[0].results / files.REPORT
     true = [dict(truth_of(campaign.path)), coverage_words(campaign, outcomes)]
-    told = (json.dumps(plain(x)) for x in (diagnosis and diagnosis.values, dict(campaign.excluded), true))
+    whole = (json.dumps(plain(x)) for x in (diagnosis and diagnosis.values, dict(campaign.excluded), true))
     each = (json.dumps(plain(r.cells())) for r in rows)
     said = [f"{w['experiment']}: {w['message']}" for w in warned] + [
         f"{o.name}: {n}" for o in outcomes for n in o.notes
     ]
-    key = digest_of(chain(keys, said, (draws, str(pictured)), each, told))
+    key = digest_of(chain(keys, said, (draws, str(pictured)), each, whole))
     if not made_from(results / files.REPORT, key):
         from .page import write_campaign
 

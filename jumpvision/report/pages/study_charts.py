@@ -38,14 +38,14 @@ def _recording(name: str, traces: Sequence[Trace], d: Diagnosis) -> Chart:
         left = [series(w, role, t[::every], (x.measured - y)[::every], kind="line") for w, role, y in models]
         title = f"{x.channel}: measured − model"
         panels.append(panel(title, time, axis("difference", x.unit), left, rules=[{"y": 0}], height=150))
-    told = "; ".join(
+    errors = "; ".join(
         f"{x.channel}: {rms(x.measured - x.simulated):.3g}"
         + ("" if d.adequate else f" → {rms(x.measured - x.extended):.3g}")
         + (f" {x.unit}" if x.unit not in ("", "1") else "")
         for x in traces
     )
     whose = "simulation" if d.adequate else "simulation, then of the extended one"
-    return chart(name, panels, f"Error of the {whose}, rms: {told}.", stacked=True)
+    return chart(name, panels, f"Error of the {whose}, rms: {errors}.", stacked=True)
 
 
 def correlation_rows(d: Diagnosis) -> list[dict[str, str]]:

@@ -99,12 +99,12 @@ def delay(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """Heights against delay."""
     figure = Figure(figsize=(8.4, 3.6), layout="constrained")
     axis = figure.subplots()
-    told, wait = attributes_of(beds.Delay, data), data.delay * 1e3
+    facts, wait = attributes_of(beds.Delay, data), data.delay * 1e3
     axis.plot(wait, data.undamped_height_m * 1e3, color=QUIET, lw=0.7, label="cone, full gain in the pause")
-    axis.plot(wait, data.jump_height_m * 1e3, color=MODEL, label=f"cone, gain x {told.dwell_gain:g} in the pause")
-    axis.plot(wait, data.baseline_height_m * 1e3, "--", color="black", lw=1, label=told.baseline)
+    axis.plot(wait, data.jump_height_m * 1e3, color=MODEL, label=f"cone, gain x {facts.dwell_gain:g} in the pause")
+    axis.plot(wait, data.baseline_height_m * 1e3, "--", color="black", lw=1, label=facts.baseline)
     axis.axhline(float(data.single_height_m) * 1e3, color=MEASURED, lw=1, ls=":", label="best single")
-    axis.axvline(told.loaded_half_period_s * 1e3, color=QUIET, lw=0.8)
+    axis.axvline(facts.loaded_half_period_s * 1e3, color=QUIET, lw=0.8)
     title = f"delayed stutter at {float(data.frequency):.3g} Hz (grey: half a loaded period)"
     axis.set(title=title, xlabel="delay [ms]", ylabel=HEIGHT)
     axis.legend(fontsize=7, ncols=2)
@@ -118,16 +118,16 @@ def alpha_fit(data: xr.Dataset, Figure: NewFigure) -> Figure:
 
     figure = Figure(figsize=(9.6, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.4, 1))
-    told = attributes_of(models.AlphaFit, data)
+    facts = attributes_of(models.AlphaFit, data)
     norm, colors = mpl.colors.SymLogNorm(10.0, vmin=0.0, vmax=float(data.drag[-1])), mpl.colormaps["viridis"]
     for drag in data.drag.values:
         left.plot(data.frequency, data.tried_height_m.sel(drag=drag) * 1e3, lw=0.8, color=colors(norm(drag)))
-    left.plot(data.frequency, data.jump_height_m * 1e3, "--", color="black", label=f"fitted, {told.alpha:.0f} kg/m")
+    left.plot(data.frequency, data.jump_height_m * 1e3, "--", color="black", label=f"fitted, {facts.alpha:.0f} kg/m")
     left.plot(data.frequency, data.cone_height_m * 1e3, "s", ms=3.5, color=MODEL, label="cone, taken as measured")
     bar = figure.colorbar(mpl.cm.ScalarMappable(norm, colors), ax=left)
     bar.ax.set_ylabel("α [kg/m]")
     bar.set_ticks([0, 10, 100, 1000], labels=["0", "10", "100", "1000"])
-    left.set(title=f"single jumps at φ = {told.phi:.3g}", xlabel="frequency [Hz]", ylabel=HEIGHT)
+    left.set(title=f"single jumps at φ = {facts.phi:.3g}", xlabel="frequency [Hz]", ylabel=HEIGHT)
     left.legend(fontsize=7)
     right.plot(data.packing, data.alpha_kg_per_m, "o-", ms=3, color="black")
     right.set(title="α of the singles", xlabel=PHI, ylabel="α [kg/m]", ylim=(0, None))
@@ -141,8 +141,8 @@ def force_models(data: xr.Dataset, Figure: NewFigure) -> Figure:
     upper, lower = figure.subfigures(2, 1, height_ratios=(2.0, 1.1)).flat  # type: ignore[union-attr]
     (motion, push), (feet, bars) = upper.subplots(2, 2)
     ms = data.time * 1e3
-    told = attributes_of(models.ForceModels, data)
-    up = [x * 1e3 for x in told.upswing_s]
+    facts = attributes_of(models.ForceModels, data)
+    up = [x * 1e3 for x in facts.upswing_s]
     cone = data.sel(model="cone")
     for name, color in (("motor", QUIET), ("rod", MEASURED), ("foot", MODEL)):
         motion.plot(ms, (cone[name] - cone[name][0]) * 1e3, color=color, label=name)
@@ -150,7 +150,7 @@ def force_models(data: xr.Dataset, Figure: NewFigure) -> Figure:
     mass.fill_between(ms, 0, cone.added_mass * 1e3, color="#E69F00", alpha=0.35, lw=0)
     mass.set(ylabel="added mass [g] (orange)", ylim=(0, 4e3 * float(cone.added_mass.max())))
     mass.grid(False)
-    motion.set(title=f"cone, {told.frequency:.3g} Hz, φ = {told.phi:.3g}", ylabel="position [mm]")
+    motion.set(title=f"cone, {facts.frequency:.3g} Hz, φ = {facts.phi:.3g}", ylabel="position [mm]")
     motion.legend(fontsize=7)
     for name, (color, line) in FORCE.items():
         one = data.sel(model=name)
@@ -171,7 +171,7 @@ def force_models(data: xr.Dataset, Figure: NewFigure) -> Figure:
     bars.invert_yaxis()
     row = lower.subplots(1, 4, sharey=True)
     for axis, (words, i) in zip(row, moments(cone).items()):
-        snapshot(axis, cone.isel(time=i), cone.isel(time=0), told)
+        snapshot(axis, cone.isel(time=i), cone.isel(time=0), facts)
         axis.set_title(f"{words}, {float(ms[i]):.1f} ms", fontsize=8)
     row[0].set_ylabel("height [mm]")
     return figure
@@ -196,16 +196,16 @@ def moments(cone: xr.Dataset) -> dict[str, int]:
 ROBOT = (60.0, 150.0, 70.0, 45.0)  # mm: rest of the spring, rod, motor above the rod's lower end, motor's height
 
 
-def snapshot(axis: Axes, now: xr.Dataset, rest: xr.Dataset, told: models.ForceModels) -> None:
+def snapshot(axis: Axes, now: xr.Dataset, rest: xr.Dataset, facts: models.ForceModels) -> None:
     """The robot over and in the sand: foot, spring, rod, motor at their places [mm], and the sand that goes with it."""
     spring, rod, above, high = ROBOT
-    foot, radius = 1e3 * float(now.foot), 1e3 * told.foot_radius
+    foot, radius = 1e3 * float(now.foot), 1e3 * facts.foot_radius
     lower = 1e3 * float(rest.foot) + spring + 1e3 * float(now.rod - rest.rod)
     motor = lower + above + 1e3 * float((now.motor - now.rod) - (rest.motor - rest.rod))
     axis.axhspan(-110.0, 0.0, color="#e8d3a8", lw=0)
     if float(now.added_mass) > 0.0:
-        jammed = min(-told.mu * foot, radius * np.tan(told.theta))
-        left = radius - jammed / np.tan(told.theta)
+        jammed = min(-facts.mu * foot, radius * np.tan(facts.theta))
+        left = radius - jammed / np.tan(facts.theta)
         edge = ([-radius, radius, left, -left], [foot, foot, foot - jammed, foot - jammed])
         axis.fill(*edge, color="#E69F00", lw=0)
     axis.plot([-radius, radius], [foot, foot], color=MODEL, lw=3, solid_capstyle="butt")

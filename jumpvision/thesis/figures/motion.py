@@ -25,7 +25,7 @@ def scatter(data: xr.Dataset, Figure: NewFigure) -> Figure:
 
     figure = Figure(figsize=(9.6, 4.0), layout="constrained")
     axes = figure.subplots(1, 3, sharey=True)
-    told = attributes_of(motions.Scatter, data)
+    facts = attributes_of(motions.Scatter, data)
     x, y = data.phase / np.pi, data.frequency
     std, height = data.flight_height_std_m, data.flight_height_m
     share = (std / height.where(height > 1e-4)) * 100
@@ -42,7 +42,7 @@ def scatter(data: xr.Dataset, Figure: NewFigure) -> Figure:
         axis.grid(False)
     axes[0].set_ylabel("frequency [Hz] (dotted: 4 Hz)")
     figure.suptitle(
-        f"{told.trials} trials a point; the spring still rings with {told.ringing_m * 1e6:g} µm rms",
+        f"{facts.trials} trials a point; the spring still rings with {facts.ringing_m * 1e6:g} µm rms",
         fontsize=8,
         color=QUIET,
         x=0.01,
@@ -64,8 +64,8 @@ def bifurcation(data: xr.Dataset, Figure: NewFigure) -> Figure:
         f = np.broadcast_to(data.frequency_ratio.values[:, None], heights.shape)
         axis.plot(f.ravel(), heights.values.ravel() * 1e3, mark, ms=1.2, color=color, alpha=0.5, ls="", rasterized=True)
         axis.plot([], [], mark, color=color, ls="", label=f"frequency going {data.direction.values[i]}")
-    told = attributes_of(motions.Bifurcation, data)
-    amp, loss = told.amplitude_m * 1e3, told.landing_loss
+    facts = attributes_of(motions.Bifurcation, data)
+    amp, loss = facts.amplitude_m * 1e3, facts.landing_loss
     axis.set(
         title=f"apexes of the driven hopper, A = {amp:g} mm, landing loss {loss:g}",
         xlabel="$f / f_0$",
@@ -115,9 +115,9 @@ def traces(data: xr.Dataset, Figure: NewFigure) -> Figure:
     figure = Figure(figsize=(2.25 * count + 0.8, 8.2), layout="constrained")
     axes = figure.subplots(4, count, sharex="col", sharey="row", squeeze=False)
     t = data.time.values * 1e3
-    told = origin_of(data).values
-    weight = (told["motor_mass"] + told["rod_mass"]) * told["gravity"]  # a bit above it, a rod at rest is not pulled
-    weight *= 1.0 - 1e-6
+    constants = origin_of(data).values
+    weight = (constants["motor_mass"] + constants["rod_mass"]) * constants["gravity"]
+    weight *= 1.0 - 1e-6  # a bit above it, a rod at rest is not pulled
     groups = (
         (
             ("rod_position", "rod", MEASURED, "-"),

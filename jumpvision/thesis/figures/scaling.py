@@ -229,7 +229,7 @@ def height_amplitude(data: xr.Dataset, Figure: NewFigure) -> Figure:
 @figure_of(muscles.muscle)
 def muscle(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """Height of three techniques over the spring's compliance, and over the muscle's power, by strength."""
-    told = attributes_of(muscles.Limited, data)
+    facts = attributes_of(muscles.Limited, data)
     looks = {"squat": (MEASURED, "--"), "countermovement": (MODEL, "-"), "catapult": (GREEN, "-.")}
     figure = Figure(figsize=(10.4, 6.2), layout="constrained")
     for column, strength in zip(figure.subplots(2, 3).T, data.strength.values):
@@ -241,7 +241,7 @@ def muscle(data: xr.Dataset, Figure: NewFigure) -> Figure:
         weights = f"{strength}: {muscles.STRENGTHS[str(strength)]:g} weights"
         column[0].set(title=weights, xlabel="compliance F_0 / (k travel)", ylim=(0, None))
         column[1].set(
-            title=f"compliance {told.compliance:g}", xlabel="greatest power of the muscle [W]", ylim=(0, None)
+            title=f"compliance {facts.compliance:g}", xlabel="greatest power of the muscle [W]", ylim=(0, None)
         )
         logarithmic(column[1], "x")
         for axis in column:

@@ -107,16 +107,16 @@ def grid(data: xr.Dataset, Figure: NewFigure) -> Figure:
 
 def _what(data: xr.Dataset, dims: Sequence[Hashable]) -> str:
     """The robot and the values that all jumps share."""
-    told = origin_of(data)
-    constants = told.values
+    origin = origin_of(data)
+    constants = origin.values
     law = [n for n in ("frequency", "phase", "amplitude", "cycles", "delay") if n not in dims]
     if "alpha" in data.coords and "amplitude" in law and "amplitude" not in data.coords:
         law.remove("amplitude")
     said = [(n, float(data[n]) if n in data.coords else constants[n]) for n in law]
     said += [(str(n), float(v)) for n, v in data.coords.items() if not v.ndim and n not in law]
     words = [AXES[n].text(v, 4) for n, v in said if v or n != "delay"]
-    dotted = "; dotted: natural frequency" if told.ground == "hard" and told.f0_Hz and "frequency" in dims else ""
-    return f"{told.robot}: {', '.join(words)}{dotted if len(dims) > 1 else ''}"
+    dotted = "; dotted: natural frequency" if origin.ground == "hard" and origin.f0_Hz and "frequency" in dims else ""
+    return f"{origin.robot}: {', '.join(words)}{dotted if len(dims) > 1 else ''}"
 
 
 def label(name: str) -> str:
@@ -147,9 +147,9 @@ def one_map(figure: Figure, axis: Axes, values: xr.DataArray, data: xr.Dataset) 
     if values.name == "n_jumps":
         ticks = np.arange(0, top + 1)
         bar.set_ticks(list(ticks), labels=[f"{t:d}" if t < COUNTED else f"≥ {t:d}" for t in ticks])
-    told = origin_of(data)
-    if "frequency" in values.dims and told.f0_Hz is not None and told.ground == "hard":
-        (axis.axhline if up == "frequency" else axis.axvline)(told.f0_Hz, color="white", lw=0.8, ls=":")
+    origin = origin_of(data)
+    if "frequency" in values.dims and origin.f0_Hz is not None and origin.ground == "hard":
+        (axis.axhline if up == "frequency" else axis.axvline)(origin.f0_Hz, color="white", lw=0.8, ls=":")
     axis.set(title=title, xlabel=label(right), ylabel=label(up))
     axis.grid(False)
 

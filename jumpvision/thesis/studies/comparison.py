@@ -183,11 +183,11 @@ def compare(given: Measured) -> Found:
     spread = [np.std([j.height for j in trials], ddof=1) if len(trials) > 1 else math.nan for trials in firsts]
     by_other = [float(np.mean([j.other for j in trials])) for trials in firsts]
     data = data.assign(_along(along, files, np.array(spread), np.stack([found.model, by_other])[: len(files)]))
-    told = {
+    labels = {
         "series_name": ("series", along.names),
         "model_name": ("model", [f.name if f else DECLARED for f in files]),
     }
-    data = data.assign_coords(told).assign_attrs(as_attributes(Drawn(along.over)))
+    data = data.assign_coords(labels).assign_attrs(as_attributes(Drawn(along.over)))
     return data, rows(data)
 
 

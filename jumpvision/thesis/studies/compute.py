@@ -154,8 +154,8 @@ def dataset(
         axis = AXES.get(name)
         meta = {"units": axis.unit or "1", "long_name": axis.meaning} if axis else {}
         places[name] = xr.Variable(over, values, meta)
-    told = as_attributes(Origin.of(s.setup, s.study.name, f0_Hz)) | (as_attributes(facts) if facts else {})
-    return xr.Dataset(variables, coords=places, attrs=told)
+    attributes = as_attributes(Origin.of(s.setup, s.study.name, f0_Hz)) | (as_attributes(facts) if facts else {})
+    return xr.Dataset(variables, coords=places, attrs=attributes)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -239,8 +239,8 @@ def keep_other(file: Path, data: xr.Dataset) -> Path | None:
 
 def own_name(data: xr.Dataset) -> str:
     """What tells a sweep from others: analysis, axes, and six digits of a digest of their values and all constants."""
-    told = origin_of(data)
+    origin = origin_of(data)
     axes = [str(d) for d in data.dims if str(d) in AXES]
-    parts = [told.ground, told.robot, told.constants, told.model, told.laws, told.analysis]
+    parts = [origin.ground, origin.robot, origin.constants, origin.model, origin.laws, origin.analysis]
     parts += [f"{n} {np.asarray(v.values).tolist()}" for n, v in sorted(data.coords.items(), key=lambda c: str(c[0]))]
-    return "-".join([told.analysis, *axes, hashlib.sha256("\0".join(map(str, parts)).encode()).hexdigest()[:6]])
+    return "-".join([origin.analysis, *axes, hashlib.sha256("\0".join(map(str, parts)).encode()).hexdigest()[:6]])

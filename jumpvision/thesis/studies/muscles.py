@@ -95,7 +95,7 @@ def _table(s: Sweep, height: Array) -> list[Row]:
         all_jump = np.isfinite(h).all(axis=0)
         mean = h[:, all_jump].mean(axis=1)
         lowest = (h[0, all_jump] <= h[1:, all_jump].min(axis=0) + 1e-3 * h[0, all_jump]).mean()
-        told = f"{mean[0]:.2f}, {mean[1]:.2f}, {mean[2]:.2f}; squat the lowest at {lowest:.0%} of the compliances"
-        rows.append(s.number(f"{name}, {STRENGTHS[name]:g} weights: squat, countermovement, catapult / travel", told))
+        text = f"{mean[0]:.2f}, {mean[1]:.2f}, {mean[2]:.2f}; squat the lowest at {lowest:.0%} of the compliances"
+        rows.append(s.number(f"{name}, {STRENGTHS[name]:g} weights: squat, countermovement, catapult / travel", text))
         rows[-1]["thesis"] = thesis[name] if s.setup.thesis else ""
     return rows

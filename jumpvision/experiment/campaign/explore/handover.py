@@ -158,10 +158,10 @@ def _experiment(like: Experiment, motion: Toml, why: Sequence[str], changes: Cha
         changes = {t: {k: v for k, v in x.items() if (t, k) != ("bed", "volume_fraction")} for t, x in changes.items()}
     own = merged(own, {t: x for t, x in changes.items() if x})
     kept = {k: v for k, v in own.items() if isinstance(v, Mapping) and "file" not in v and k != "actuation"}
-    told = [str(v) for v in motion.values()]
-    told += [hashlib.sha256(command.encode()).hexdigest()[:8]] if motion["kind"] == "custom" else []
+    parts = [str(v) for v in motion.values()]
+    parts += [hashlib.sha256(command.encode()).hexdigest()[:8]] if motion["kind"] == "custom" else []
     there = own.get("bed", {}).get("volume_fraction"), own.get("robot", {}).get("foot_radius")
-    plain = {**_plain(own), "group": "-".join([*told, like.ground, *(str(v) for v in there if v is not None)])}
+    plain = {**_plain(own), "group": "-".join([*parts, like.ground, *(str(v) for v in there if v is not None)])}
     return _waiting(plain, kept | {"actuation": motion}, asked, why)
 
 

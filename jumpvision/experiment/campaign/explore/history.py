@@ -52,8 +52,8 @@ class Proposed:
             odds = "its odds are unknown: no model tried explains the jumps so far"
         else:
             odds = f"odds of 10^{self.log10_odds:.1f} for the right one"
-        told = f"separates {' from '.join(self.separates)}: {self.bits:.2f} bits expected, {odds}"
-        return f"{self.where}; {told}" if self.where else told
+        text = f"separates {' from '.join(self.separates)}: {self.bits:.2f} bits expected, {odds}"
+        return f"{self.where}; {text}" if self.where else text
 
 
 def measured_by(asked: Question) -> tuple[str, ...]:

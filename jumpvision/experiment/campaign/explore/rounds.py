@@ -102,15 +102,15 @@ def next_round(asked: Question, rules: Rules, spent: int, workers: int = 1) -> R
     causes = {m: now.naming.probability(m) for m in now.naming.probabilities}
     models = {h.name: h.weight for h in now.held}
     names, bits = tuple(j.name for j in asked.jumps), entropy(list(models.values()))
-    told = Round(names, models, causes, bits, measured=measured_by(asked), offered=rules.offered)
+    this = Round(names, models, causes, bits, measured=measured_by(asked), offered=rules.offered)
     open_causes = now.undecided(rules.level)
     if now.unexplained:
         open_causes = ["an effect that no known cause explains (jumpvision diagnose describes it)"]
     if not open_causes:
-        return _ended(told, decided(causes, rules.level))
+        return _ended(this, decided(causes, rules.level))
     if spent >= rules.most:
         return _ended(
-            told, f"{spent} experiments were proposed, the most allowed; still open: {', '.join(open_causes)}"
+            this, f"{spent} experiments were proposed, the most allowed; still open: {', '.join(open_causes)}"
         )
     proposed, left_out = proposals(asked, now, rules, min(rules.batch, rules.most - spent))
     worthy = [p for p in proposed if p.bits >= rules.least * p.cost]
@@ -121,12 +121,12 @@ def next_round(asked: Question, rules: Rules, spent: int, workers: int = 1) -> R
         )
         end = f"no experiment left is worth its cost: {said} (needed: {rules.least:g} a jump)"
         end += f"; still open: {', '.join(open_causes)}"
-        return _ended(told, end, left_out)
-    return replace(told, proposed=tuple(worthy), left_out=tuple(left_out))
+        return _ended(this, end, left_out)
+    return replace(this, proposed=tuple(worthy), left_out=tuple(left_out))
 
 
-def _ended(told: Round, end: str, left_out: Sequence[str] = ()) -> Round:
-    return replace(told, end=end, left_out=tuple(left_out))
+def _ended(this: Round, end: str, left_out: Sequence[str] = ()) -> Round:
+    return replace(this, end=end, left_out=tuple(left_out))
 
 
 def decided(causes: Mapping[str, float], level: float) -> str:
@@ -175,8 +175,8 @@ def proposals(asked: Question, now: Believed, rules: Rules, size: int) -> tuple[
         actuation = {k: v for k, v in asdict(way.law).items() if v is not None}
         like, changes = (way.at.like, way.at.changes) if way.at else ("", {})
         odds = rehearsed(now, wider, made[c.which])
-        told = (way.named, way.law.kind, pair, c.worth.bits, odds, cost, actuation, like, changes, way.file)
-        out.append(Proposed(*told))
+        numbers = (way.named, way.law.kind, pair, c.worth.bits, odds, cost, actuation, like, changes, way.file)
+        out.append(Proposed(*numbers))
     return out, left_out
 
 

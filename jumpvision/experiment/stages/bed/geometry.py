@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 import scipy
 
-from jumpvision.base.schema import Told, read, told_in
+from jumpvision.base.schema import WarningRecord, read, warnings_in
 from jumpvision.experiment.inputs.experiment import Experiment
 from jumpvision.experiment.inputs.model import ModelSpec
 from jumpvision.experiment.inputs.parameters import GeometryParams
@@ -157,7 +157,7 @@ def fluidised(
     return out, [finding]
 
 
-def check_geometry(experiment: Experiment) -> tuple[GeometryValues | None, list[Told]]:
+def check_geometry(experiment: Experiment) -> tuple[GeometryValues | None, list[WarningRecord]]:
     """(what geometry.json would hold, warnings) from the folder's numbers alone; None where they do not suffice."""
     if experiment.section(Bed) is None:
         return None, []
@@ -169,4 +169,4 @@ def check_geometry(experiment: Experiment) -> tuple[GeometryValues | None, list[
             found = geometry(*given, None, p=parameters)
         except NotApplicable:
             return None, []
-    return found.values, told_in(caught)
+    return found.values, warnings_in(caught)

@@ -50,8 +50,8 @@ def statistics(piv: Piv, flow: Flow, *, p: StatisticsParams) -> Statistics:
     data = xr.Dataset(
         {k: (("y", "x"), a, {"units": u}) for k, (a, u) in values.items()}, coords={c: field[c] for c in ("x", "y")}
     )
-    told = {"fields": chosen.sizes["t"], "source": piv.geometry.source}
-    return Statistics(data.assign_attrs(told))
+    facts = {"fields": chosen.sizes["t"], "source": piv.geometry.source}
+    return Statistics(data.assign_attrs(facts))
 
 
 def of_times(field: xr.Dataset) -> Iterator[Velocities]:

@@ -369,7 +369,7 @@ def elsewhere(
 ) -> tuple[float, float] | None:
     """Where (x, y) something as large as the ball moves, BESIDE diameters or more away from it, in SAMPLED frames; None
     where nothing does in TOLD of them."""
-    told: list[tuple[float, float]] = []
+    places: list[tuple[float, float]] = []
     which = _sampled(frames)
     for i in which:
         off = np.abs(np.asarray(frames[int(i)], dtype=np.float32) - scene)
@@ -378,6 +378,6 @@ def elsewhere(
         _, _, stats, centres = cv2.connectedComponentsWithStats(changed)
         for (_, _, _, _, area), (u, v) in zip(stats[1:], centres[1:], strict=True):
             if area > SIZE * d * d and math.hypot(u - x, v - y) > BESIDE * d:
-                told.append((float(u), float(v)))
+                places.append((float(u), float(v)))
                 break
-    return told[len(told) // 2] if len(told) >= max(2.0, TOLD * which.size) else None
+    return places[len(places) // 2] if len(places) >= max(2.0, TOLD * which.size) else None

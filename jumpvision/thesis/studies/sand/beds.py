@@ -391,7 +391,7 @@ def memory_of(s: Sweep) -> str:
     """The overshoots of the model with their parameters, in words."""
     model, laws = s.setup.model, s.setup.laws.laws if s.setup.laws else {}
     at = s.setup.values["phi"]
-    told = [
+    words = [
         f"{m.name} ("
         + ", ".join(
             f"{p.name} {float(laws[p.name](at)) if p.name in laws else model.symbol(p.name):g} {p.unit}".rstrip()
@@ -400,7 +400,7 @@ def memory_of(s: Sweep) -> str:
         + ")"
         for m in model.acting(Body.OVERSHOOT)
     ]
-    return ", ".join(told) or "none in this model"
+    return ", ".join(words) or "none in this model"
 
 
 def loaded_frequency(s: Sweep) -> float:

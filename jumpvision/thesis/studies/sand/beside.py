@@ -198,7 +198,7 @@ def write_beside(
     files = [folder / CSV, folder / "dem.json"]
     rows = pd.concat([table_of(f, r) for f, r in zip(films, runs)], ignore_index=True)
     write_aside(files[0], rows.to_csv(index=False, lineterminator="\n"))
-    told = {"command": command, "versions": versions(), "bed": asdict(bed)}
+    facts = {"command": command, "versions": versions(), "bed": asdict(bed)}
     numbers = [asdict(compared(f, r)) for f, r in zip(films, runs)]
-    write_aside(files[1], json.dumps(plain(told | {"films": numbers}), indent=1) + "\n")
+    write_aside(files[1], json.dumps(plain(facts | {"films": numbers}), indent=1) + "\n")
     return files

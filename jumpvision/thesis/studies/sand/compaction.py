@@ -37,7 +37,7 @@ class Compaction:
 
     scatter: standard deviation of a preparation's volume fraction beside what its measurement is uncertain by; it is
     in the weights. lack: by how much (standard deviation) the means of repeated beds are off the law beyond their own
-    errors; 0 without repeats. range: of the pulses fitted. other: values of the other law with its chi2; `told`:
+    errors; 0 without repeats. range: of the pulses fitted. other: values of the other law with its chi2; `decided`:
     whether the data tell them apart. What they differ by goes into the uncertainties, by the other's probability.
     """
 
@@ -52,7 +52,7 @@ class Compaction:
     other: tuple[Array, float]
 
     @property
-    def told(self) -> bool:
+    def decided(self) -> bool:
         return self.other[1] - self.chi2 > 2.0  # of chi2: else the laws cannot be told apart
 
     @property

@@ -156,7 +156,7 @@ def measured(runs: Sequence[xr.Dataset]) -> DiscNumbers:
 
     Velocities are displacements between two instants over their distance: discs in contact tremble.
     """
-    told = []
+    rows = []
     for data in runs:
         late = data.isel(t=slice(round(CONSTANT * FRAMES), None))
         depth, front = -data.foot_y.values, data.front.values
@@ -167,8 +167,8 @@ def measured(runs: Sequence[xr.Dataset]) -> DiscNumbers:
         slope = np.polyfit(depth[grows], front[grows], 1)[0] if grows.sum() > 2 else math.nan
         with np.errstate(invalid="ignore"):
             theta = np.nanmedian(late.theta.values) if np.isfinite(late.theta.values).any() else math.nan
-        told.append((theta, slope, float(data.added_mass[-1]), float(data.plug[-1])))
-    table = np.array(told)
+        rows.append((theta, slope, float(data.added_mass[-1]), float(data.plug[-1])))
+    table = np.array(rows)
     mean = table.mean(axis=0)
     spread = table.std(axis=0, ddof=1) / math.sqrt(len(runs)) if len(runs) > 1 else np.full(4, math.nan)
     pairs = [float(a) for pair in zip(mean, spread) for a in pair]
@@ -187,8 +187,8 @@ def write_discs(runs: Sequence[xr.Dataset], bed: DiscBed, folder: Path, command:
     first, others = runs[0], [r[[n for n in r.data_vars if r[n].dims == ("t",)]] for r in runs]
     series = xr.concat(others, dim="bed", combine_attrs="drop_conflicts")
     data = xr.merge([first[["x", "y", "vx", "vy", "radius", "mass"]].drop_vars("seed"), series], join="exact")
-    told = {"command": command, "versions": versions(), "bed": asdict(bed)}
-    data.attrs = {k: v if isinstance(v, str) else json.dumps(v) for k, v in told.items()}
+    facts = {"command": command, "versions": versions(), "bed": asdict(bed)}
+    data.attrs = {k: v if isinstance(v, str) else json.dumps(v) for k, v in facts.items()}
     made = [write(data, folder, FILE), folder / "dem.json"]
-    write_aside(made[1], json.dumps(plain(told | {"numbers": asdict(measured(runs))}), indent=1) + "\n")
+    write_aside(made[1], json.dumps(plain(facts | {"numbers": asdict(measured(runs))}), indent=1) + "\n")
     return made

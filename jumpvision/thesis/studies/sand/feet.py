@@ -218,12 +218,12 @@ def numbers(triangles: Array, found: pd.DataFrame, grains: Grains) -> FootNumber
     )
 
 
-def write_forces(found: pd.DataFrame, told: Mapping[str, object], inputs: Sequence[Path], folder: Path) -> list[Path]:
+def write_forces(found: pd.DataFrame, facts: Mapping[str, object], inputs: Sequence[Path], folder: Path) -> list[Path]:
     """rft.csv and rft.json, each in one step."""
     files = [folder / "rft.csv", folder / "rft.json"]
     write_aside(files[0], found.to_csv(index=False, lineterminator="\n"))
     read_from = {str(f): sha256(f) for f in inputs}
-    write_aside(files[1], json.dumps(plain({**told, "versions": versions(), "inputs": read_from}), indent=1) + "\n")
+    write_aside(files[1], json.dumps(plain({**facts, "versions": versions(), "inputs": read_from}), indent=1) + "\n")
     return files
 
 

@@ -65,9 +65,9 @@ def mantle_resistance(s: Sweep) -> Found:
     own = laws.points(phi, radius)
     shares = mantle_shares()
     every = np.concatenate(list(shares.values()))
-    told = Predicted(float(every.min()), float(np.mean([x.mean() for x in shares.values()])), float(every.max()))
+    predicted = Predicted(float(every.min()), float(np.mean([x.mean() for x in shares.values()])), float(every.max()))
     k1, k2 = own["model.k1"], own["model.k2"]
-    with_k2 = {"own": k2} | {n: getattr(told, n) * k1 for n in ENDS[1:]}
+    with_k2 = {"own": k2} | {n: getattr(predicted, n) * k1 for n in ENDS[1:]}
     scaled = (laws.foot_radius / radius) ** 2 if laws.foot_radius else 1.0
     jumps = [
         batch(s, {"phi": phi, "frequency": FREQUENCY, "phase": SINGLE}, laws=laws.with_law("k2", phi, scaled * k))
@@ -79,8 +79,8 @@ def mantle_resistance(s: Sweep) -> Found:
         "k1_per_area": (("phi",), k1 / area, "N/m^3", "k_1 / foot area, of the laws"),
         "k2_per_area": (("k2", "phi"), np.stack(list(with_k2.values())) / area, "N/m^3", "k_2 / foot area"),
     }
-    data = dataset(s, {"k2": list(ENDS), "phi": phi}, ("k2", "phi"), results, extra, facts=told)
-    ratio = k2 / (told.mean * k1)
+    data = dataset(s, {"k2": list(ENDS), "phi": phi}, ("k2", "phi"), results, extra, facts=predicted)
+    ratio = k2 / (predicted.mean * k1)
     high = 1e3 * np.asarray(results["jump_height_m"])
     rows = [
         s.number(f"k_2 / k_1 by {name}: mean, least to greatest", f"{x.mean():.2f}, {x.min():.2f} to {x.max():.2f}", "")

@@ -91,14 +91,14 @@ def packing(given: Measured) -> Found:
 
 def _words(setting: tuple[float, float]) -> str:
     air, shaking = setting
-    told = [f"pulses of {air:g} m/s"] if air >= 0 else ["pulses"]
-    return " and ".join([*told, f"shaking of {shaking:g} m/s²"] if shaking else told)
+    words = [f"pulses of {air:g} m/s"] if air >= 0 else ["pulses"]
+    return " and ".join([*words, f"shaking of {shaking:g} m/s²"] if shaking else words)
 
 
 def _rows(setting: tuple[float, float], law: Compaction, beds: list[Prepared]) -> list[Row]:
     sigma = np.sqrt(np.maximum(np.diag(law.covariance), 0.0))
     values = ", ".join(f"{n} {v:.4g} ± {s:.2g}" for n, v, s in zip(NAMES[law.law], law.values, sigma))
-    sure = "" if law.told else "; the other law is as good"
+    sure = "" if law.decided else "; the other law is as good"
     sure += f"; beds are off it by {law.lack:.1g}" if law.lack else ""
     out = [
         {"quantity": f"{_words(setting)}: law", "ours": f"{law.law}: {values}{sure}"},

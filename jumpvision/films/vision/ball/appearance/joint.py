@@ -320,8 +320,8 @@ def _stepped(
         max(s.blur + blur, BLUR[1]),
         float(np.clip(s.exposure + exposure, 0.0, 1.0)),
     )
-    told = float(np.sum(1.0 - number * np.diag(cov)[:w]))  # waves that the film tells (MacKay 1992)
-    film.variance = float(np.sum(number * film.shared.waves**2) * film.variance / max(told, 1.0))
+    determined = float(np.sum(1.0 - number * np.diag(cov)[:w]))  # waves that the film tells (MacKay 1992)
+    film.variance = float(np.sum(number * film.shared.waves**2) * film.variance / max(determined, 1.0))
     moved = 0.0
     if turn:
         for i, e in equations.items():
