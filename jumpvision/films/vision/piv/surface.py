@@ -89,11 +89,11 @@ def with_bends(f: Array, reach: int) -> Array:
     far = min(reach, (f.shape[1] - 1) // 2)
     if far < 1:
         return np.concatenate([f, np.zeros((len(f), 2, f.shape[2]))], axis=1)
-    bends = []
-    for g in (f, f[:, ::-1]):
-        p, q = ((g[:, 0] - 2 * g[:, n] + g[:, 2 * n]) / n**2 for n in (far, max(1, far // 2)))
-        bends.append(np.where(p * q > 0, np.sign(p) * np.minimum(np.abs(p), np.abs(q)), 0))
-    return np.concatenate([f, np.stack(bends, axis=1)], axis=1)
+    p, q = (
+        (f[:, [0, -1]] - 2 * f[:, [n, -1 - n]] + f[:, [2 * n, -1 - 2 * n]]) / n**2 for n in (far, max(1, far // 2))
+    )
+    bends = np.where(p * q > 0, np.copysign(np.minimum(np.abs(p), np.abs(q)), p), 0)
+    return np.concatenate([f, bends], axis=1)
 
 
 def of_columns(matrix: Array, of: Axis, f: Array) -> Array:
@@ -124,9 +124,10 @@ def lightly_smoothed(
     power = cv2.boxFilter(squared, -1, (3, 3), borderType=cv2.BORDER_REFLECT)
     # squares of two normal components are exponential
     # differences below 0.02 px are no step
+    shares = (0.5, JUMP_CALM.value)
     chance, calm = (
-        max(-STEP_OF_FIELD.value * float(np.quantile(squared, q)) / math.log(1 - q), 0.02**2)
-        for q in (0.5, JUMP_CALM.value)
+        max(-STEP_OF_FIELD.value * float(x) / math.log(1 - q), 0.02**2)
+        for q, x in zip(shares, np.quantile(squared, shares))
     )
     kept = np.where(matched, np.clip(1 - chance / np.maximum(power, 1e-30), 0, 1), 0)
     jumps = np.where(matched, np.clip(power / (JUMP_OF_FIELD.value * calm) - 1, 0, 1), 0)

@@ -79,7 +79,9 @@ def _bordered(f: Array, reach: int, slope: tuple[Array, Array] | None) -> tuple[
     if slope is None:
         p = np.pad(f, reach, mode="reflect", reflect_type="odd")
         return p, np.zeros_like(p), np.zeros_like(p)
-    p, px, py = (np.pad(q, reach, constant_values=np.nan) for q in (f, *slope))
+    bordered = np.full((3, f.shape[0] + 2 * reach, f.shape[1] + 2 * reach), np.nan)  # np.pad takes 20 times as long
+    bordered[:, reach:-reach, reach:-reach] = f, *slope
+    p, px, py = bordered
     return p, px, py
 
 
