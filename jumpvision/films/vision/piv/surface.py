@@ -89,9 +89,7 @@ def with_bends(f: Array, reach: int) -> Array:
     far = min(reach, (f.shape[1] - 1) // 2)
     if far < 1:
         return np.concatenate([f, np.zeros((len(f), 2, f.shape[2]))], axis=1)
-    p, q = (
-        (f[:, [0, -1]] - 2 * f[:, [n, -1 - n]] + f[:, [2 * n, -1 - 2 * n]]) / n**2 for n in (far, max(1, far // 2))
-    )
+    p, q = ((f[:, [0, -1]] - 2 * f[:, [n, -1 - n]] + f[:, [2 * n, -1 - 2 * n]]) / n**2 for n in (far, max(1, far // 2)))
     bends = np.where(p * q > 0, np.copysign(np.minimum(np.abs(p), np.abs(q)), p), 0)
     return np.concatenate([f, bends], axis=1)
 
