@@ -24,9 +24,9 @@ from jumpvision.experiment.inputs.sections import NotApplicable
 from jumpvision.experiment.results.summary import JumpRow, Summary, Uncertain
 from jumpvision.experiment.results.tables import RodMotion
 from jumpvision.experiment.workflow import cache, run, unchanged
+from jumpvision.experiment.workflow.hashes import Hashed, packed, unpacked
 from jumpvision.experiment.workflow.run import Plan, run_experiment
 from jumpvision.experiment.workflow.stage import STAGES
-from jumpvision.experiment.workflow.workspace import packed, unpacked
 
 PLAN = {"stages": None, "command": "jumpvision run"}
 
@@ -247,7 +247,7 @@ def test_a_new_frame_of_a_folder_is_seen(tmp_path):
     folder = tmp_path / "film"
     folder.mkdir()
     (folder / "a.png").write_text("a")
-    files = {str(folder / "a.png"): packed("00" * 32, storage.stamp(folder / "a.png"))}
+    files = Hashed(str(folder), ["a.png"], packed("00" * 32, storage.stamp(folder / "a.png")))
     noted = {"foreign": [], "recordings": {str(folder): unchanged._files_noted(files, math.inf)}, "files": {}}
     assert unchanged._same(noted, tmp_path, time.time())
     (folder / "b.png").write_text("b")

@@ -71,15 +71,13 @@ def companions(path: Path) -> list[Path]:
     return [path, *(f for f in beside if f != path and f.is_file())]
 
 
-def recording_files(path: Path) -> Iterator[Path]:
-    """The files of a recording: itself with its headers, all of a folder, or all that a pattern fits; of 100,000 one
-    path at a time is in memory."""
-    if path.is_file():
-        return iter(companions(path))
-    folder, found = path.parent, path.parent.glob(path.name)
+def recording_names(path: Path) -> tuple[Path, list[str]]:
+    """The files of a recording, itself with its headers, all of a folder, or all that a pattern fits: where they lie,
+    and their names in order. There may be 100,000."""
     if path.is_dir():
-        folder, found = path, (f for f in path.iterdir() if f.is_file())
-    return map(folder.joinpath, sorted(f.name for f in found))
+        with os.scandir(path) as there:
+            return path, sorted(f.name for f in there if f.is_file())
+    return path.parent, sorted(f.name for f in (companions(path) if path.is_file() else path.parent.glob(path.name)))
 
 
 def sha256(path: Path) -> str:

@@ -10,7 +10,7 @@ import functools
 import hashlib
 import os
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from itertools import chain
 from pathlib import Path
 
@@ -22,7 +22,7 @@ from jumpvision.base.storage import (
     memories,
     memory,
     recall,
-    recording_files,
+    recording_names,
     remember,
     settled,
     sha256,
@@ -31,8 +31,9 @@ from jumpvision.base.storage import (
 from jumpvision.experiment.files import PROVENANCE
 
 from .entries import RECEIPT
+from .hashes import Hashed
 from .stage import STAGES
-from .workspace import Workspace, unpacked
+from .workspace import Workspace
 
 
 @functools.cache
@@ -69,10 +70,10 @@ def note(workspace: Workspace, key: str, outcome: Toml) -> None:
     os.utime(memory(workspace.cache, NOTES, results), (at, at))
 
 
-def _files_noted(files: Mapping[str, bytes], at: float) -> tuple[str, dict[str, str]]:
-    """Of the files of a recording, packed: their `_digest`, and the SHA-256 of those whose stamp may miss a change."""
-    late = {f: unpacked(both)[0] for f, both in files.items() if not settled(unpacked(both)[1], at)}
-    return _digest((f, unpacked(both)[1]) for f, both in files.items()), late
+def _files_noted(files: Hashed, at: float) -> tuple[str, dict[str, str]]:
+    """Of the files of a recording: their `_digest`, and the SHA-256 of those whose stamp may miss a change."""
+    late = {f: digest for f, digest, seen in files if not settled(seen, at)}
+    return _digest((f, seen) for f, _, seen in files), late
 
 
 def _digest(files: Iterable[tuple[str, Stamp]]) -> str:
@@ -102,7 +103,8 @@ def _same(found: Toml, results: Path, at: float) -> bool:
     if not set(found["foreign"]).isdisjoint(os.listdir(results)):
         return False
     for path, (noted, late) in found["recordings"].items():
-        if _digest((str(f), stamp(f)) for f in recording_files(Path(path))) != noted:
+        folder, names = recording_names(Path(path))
+        if _digest((f, stamp(f)) for f in (os.path.join(folder, name) for name in names)) != noted:
             return False
         if any(not settled(stamp(f), at) and sha256(Path(f)) != digest for f, digest in late.items()):
             return False

@@ -23,14 +23,9 @@ from jumpvision.base.progress import KEEPER, Shared, setting
 from jumpvision.base.record import Record
 from jumpvision.base.schema import InputError, WarningRecord, read, warnings_in
 from jumpvision.base.storage import (
-    HASHES,
     ChangedFile,
     Stamp,
     copy_aside,
-    recall,
-    recording_files,
-    remember,
-    settled,
     sha256,
     stamp,
 )
@@ -39,6 +34,7 @@ from jumpvision.experiment.inputs.sections import MissingKey, NotApplicable, Sec
 
 from . import entries
 from .entries import ATTEMPTS, CorruptEntry, Receipt
+from .hashes import NOTHING, Hashed, Hashes
 from .stage import STAGES, Input, Said, Stage, StageWarning, results_stages
 
 R = TypeVar("R", bound=Record)
@@ -85,7 +81,7 @@ class Workspace:
         self.steps: list[Step] = []
         self._made: dict[type, tuple[str, Record]] = {}
         self._failed: dict[type, Exception] = {}
-        self._read: dict[Path, dict[str, bytes]] = {}  # recording -> its files, packed: there may be 100,000
+        self._hashes = Hashes(self.cache, verify=verify)
         self._published: dict[Path, Stamp] = {}
 
     # -- what can be made ------------------------------------------------------------------------------------
@@ -272,7 +268,7 @@ class Workspace:
                 return None, None
             values = dataclasses.asdict(section)
             path = values.pop("path", None)  # the same recording elsewhere is the same input
-            return ([values, self._hash(path)] if path else values), section
+            return ([values, self._hashes.of_recording(path)] if path else values), section
         if self._lack(i.type):
             return None, None
         try:
@@ -347,32 +343,21 @@ class Workspace:
         self.results.mkdir(parents=True, exist_ok=True)
         for name, digest in outputs.items():
             target = self.results / name
-            if not target.exists() or unpacked(self._hash_file(target, {}))[0] != digest:
+            if not target.exists() or self._hashes.of_file(target) != digest:
                 copy_aside(entry / name, target, digest)
             self._published[target] = stamp(target)
 
     # -- hashes ----------------------------------------------------------------------------------------------
 
-    def _hash(self, path: Path) -> str:
-        """SHA-256 of a recording: of a file, or of all files of a folder or pattern with their names."""
-        known = self._read.get(path, {})
-        self._read[path] = {str(f): self._hash_file(f, known) for f in recording_files(path)}
-        digests = ({os.path.basename(f): unpacked(self._read[path][f])[0]} for f in sorted(self._read[path]))
-        whole = hashlib.sha256()
-        for k, each in enumerate(digests):  # as JSON of all digests by name, of which one is in memory
-            whole.update(((", " if k else "{") + json.dumps(each)[1:-1]).encode())
-        whole.update(b"}" if self._read[path] else b"{}")
-        return whole.hexdigest()
-
     @property
-    def recordings(self) -> Mapping[Path, Mapping[str, bytes]]:
-        """The recordings that were read, as sections name them: their files, each as it was hashed, `packed`."""
-        return self._read
+    def recordings(self) -> Mapping[Path, Hashed]:
+        """The recordings that were read, as sections name them: their files, each as it was hashed."""
+        return self._hashes.read
 
     @property
     def inputs(self) -> dict[str, str]:
         """SHA-256 of what was read, by its name in provenance.json."""
-        return {self._relative(f): unpacked(both)[0] for files in self._read.values() for f, both in files.items()}
+        return {self._relative(f): digest for files in self.recordings.values() for f, digest, _ in files}
 
     def counted(self) -> Iterator[tuple[Path, Stamp, str]]:
         """(file, stamp, SHA-256) of the results; of what they were kept as in the cache "" for it."""
@@ -403,51 +388,11 @@ class Workspace:
         files of a recording that are looked at, else none."""
         for i in made.inputs:
             section = self.experiment.section(i.type) if issubclass(i.type, Section) else None
-            files = self._read.get(getattr(section, "path", None), {})  # type: ignore[arg-type]
-            for f in files if len(files) <= most else ():
-                digest, at = unpacked(files[f])
+            files = self.recordings.get(getattr(section, "path", None), NOTHING)  # type: ignore[arg-type]
+            for f, digest, at in files if len(files) <= most else ():
                 try:
                     same = stamp(f) == at or sha256(Path(f)) == digest
                 except OSError:
                     same = False
                 if not same:
                     raise InputError([f"{f}: changed while stage '{made.name}' read it; run again when it is whole"])
-
-    def _hash_file(self, path: Path, known: Mapping[str, bytes]) -> bytes:
-        """SHA-256 of a file, remembered while its stamp stays, and the stamp, packed; known: such of its recording."""
-        at, name = stamp(path), str(path)
-        if name in known and unpacked(known[name])[1] == at:
-            return known[name]
-        if not self.verify:
-            try:
-                found = recall(self.cache, HASHES, path)
-                if tuple(found["stamp"]) == at:
-                    return packed(str(found["sha256"]), at)
-            except (OSError, ValueError):
-                pass
-        for _ in range(ATTEMPTS):
-            digest, before = sha256(path), at
-            at = stamp(path)
-            if at == before:
-                break
-        else:
-            raise InputError([f"{path}: changes while it is read; run again when it is whole"])
-        if settled(at, time.time()):
-            entries.mark(self.cache)
-            remember(self.cache, HASHES, path, {"stamp": at, "sha256": digest})
-        return packed(digest, at)
-
-
-NUMBER = 17  # bytes of one number of a stamp: what identifies a file on Windows has 128 bits, dates have a sign
-
-
-def packed(digest: str, at: Stamp) -> bytes:
-    """SHA-256 and stamp as bytes, which take a third of the memory of text and numbers."""
-    return bytes.fromhex(digest) + b"".join(n.to_bytes(NUMBER, "little", signed=True) for n in at)
-
-
-def unpacked(both: bytes) -> tuple[str, Stamp]:
-    """What was `packed`."""
-    digest, at = both[:32], both[32:]
-    numbers = range(0, len(at), NUMBER)
-    return digest.hex(), tuple(int.from_bytes(at[k : k + NUMBER], "little", signed=True) for k in numbers)
