@@ -8,6 +8,7 @@ import pytest
 import xarray as xr
 
 from jumpvision.base.record import RecordError
+from jumpvision.experiment.results import fields
 from jumpvision.experiment.results.fields import TOGETHER, Piv, Planes
 
 N = 2 * TOGETHER + 3
@@ -47,6 +48,21 @@ def test_the_file_holds_every_pair_and_goes_with_the_record(tmp_path):
     del record, field
     gc.collect()
     assert not folder.exists()
+
+
+@pytest.fixture(autouse=True)
+def as_of_many_vectors(monkeypatch):
+    """The fields of these tests are small: their times would lie in one piece."""
+    monkeypatch.setattr(fields, "SMALLEST", 1)
+
+
+def test_times_of_few_vectors_lie_together_in_pieces_of_some_size(tmp_path, monkeypatch):
+    """A film of 100,000 small pictures lay in 6,250 pieces of each variable, which HDF5 all keeps in mind."""
+    monkeypatch.setattr(fields, "SMALLEST", 20 * 2 * 3)
+    Piv.write(head(N), planes(N)).save(tmp_path)
+    field = Piv.load(tmp_path).field
+    assert field.u.encoding["chunksizes"] == (2, 3, 20)
+    assert [float(f.u[1, 1]) for f in Planes(field)] == list(range(N))
 
 
 def test_each_time_is_unpacked_once_and_is_the_one_asked_for(tmp_path, monkeypatch):

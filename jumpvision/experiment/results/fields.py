@@ -117,19 +117,25 @@ class Piv(LongField):
 
 
 AXES = "y", "x", "t"
-TOGETHER = 16  # times that are compressed and written at once
+TOGETHER = 16  # times that are compressed and written at once, of fields of few vectors as many as have
+SMALLEST = 4096  # values: a film of 100,000 pictures would lie in 6,250 pieces of each variable, all known to HDF5
 AT_ONCE = 2**17  # values of a variable that are read at once
 
 
+def together(field: xr.Dataset) -> int:
+    """How many times of a field over (y, x, t) lie together in its file."""
+    return max(TOGETHER, SMALLEST // (field.sizes["y"] * field.sizes["x"]))
+
+
 class Planes(Sequence["xr.Dataset"]):
-    """The times of a field over (y, x, t), a data set (y, x) each: read as they lie in its file, TOGETHER of them at
-    once, so that each is unpacked once where they are asked for in turn.
+    """The times of a field over (y, x, t), a data set (y, x) each: read as they lie in its file, `together` at once, so
+    that each is unpacked once where they are asked for in turn.
 
     names: of the variables that are read; default: all.
     """
 
     def __init__(self, field: xr.Dataset, names: Sequence[str] = ()) -> None:
-        self.field, self._first = field[list(names)] if names else field, -1
+        self.field, self._first, self._together = field[list(names)] if names else field, -1, together(field)
         self._block = self.field
 
     def __len__(self) -> int:
@@ -137,9 +143,9 @@ class Planes(Sequence["xr.Dataset"]):
 
     def __getitem__(self, i: Any) -> Any:
         k = range(len(self))[i]
-        first = k // TOGETHER * TOGETHER
+        first = k // self._together * self._together
         if first != self._first:
-            self._block, self._first = self.field.isel(t=slice(first, first + TOGETHER)).load(), first
+            self._block, self._first = self.field.isel(t=slice(first, first + self._together)).load(), first
         return self._block.isel(t=k - first)
 
 
@@ -151,20 +157,21 @@ def by_time(
     A long field is read part by part: of each variable about AT_ONCE values are in memory.
     """
     read, n = field[list(names)], field.sizes["t"]
-    block = max(1, AT_ONCE // (field.sizes["y"] * field.sizes["x"] * TOGETHER)) * TOGETHER
+    whole = together(field)
+    block = max(1, AT_ONCE // (field.sizes["y"] * field.sizes["x"] * whole)) * whole
     made = [[a.values for a in of(read.isel(t=slice(k, k + block)).load())] for k in range(0, n, block)]
     return [np.concatenate(parts) for parts in zip(*made)]
 
 
 def _append(file: Path, head: xr.Dataset, planes: Iterator[xr.Dataset]) -> None:
-    """Write head and then the planes, TOGETHER of them in memory at a time, along t."""
+    """Write head and then the planes, `together` in memory at a time, along t."""
     import netCDF4
     import xarray as xr
 
     head.to_netcdf(file, engine="netcdf4")
-    done, size = 0, (head.sizes["y"], head.sizes["x"], min(TOGETHER, head.sizes["t"]))
+    done, size = 0, (head.sizes["y"], head.sizes["x"], min(together(head), head.sizes["t"]))
     with netCDF4.Dataset(file, "a") as out:
-        while block := list(itertools.islice(planes, TOGETHER)):
+        while block := list(itertools.islice(planes, together(head))):
             cube = xr.concat(block, "t", combine_attrs="override").transpose(*AXES)
             for key, values in cube.data_vars.items():
                 name = str(key)

@@ -35,13 +35,13 @@ class Memory(NamedTuple):
 
         NaN is left out. Nothing is remembered where nothing fluctuates.
         """
-        known = np.isfinite(series)
-        left = np.where(known, series - np.nanmean(series, axis=0), 0.0)
         n = len(series)
         size = scipy.fft.next_fast_len(2 * n)
-        product, count = (
-            np.fft.irfft((np.abs(np.fft.rfft(a, size, axis=0)) ** 2).sum(axis=1), size)[:n] for a in (left, known * 1.0)
-        )
+        powers = np.zeros((2, size // 2 + 1))  # of what fluctuates, and of where it is known
+        for a in series.T:  # one at a time: a film of 100,000 fields has long ones
+            known = np.isfinite(a)
+            powers += np.abs(np.fft.rfft([np.where(known, a - np.nanmean(a), 0.0), known * 1.0], size)) ** 2
+        product, count = np.fft.irfft(powers, size)[:, :n]
         if not product[0] > 0.0:
             return cls(0.0, 0.0)
         rho = product / np.maximum(count, 0.5) * (count[0] / product[0])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -22,7 +21,7 @@ SERIES = 4_000_000  # numbers that are held at once to learn how long a flow rem
 AT_MOST = 256  # vectors that it is learned from
 
 
-@stage(version=1)
+@stage(version=2)
 def statistics(piv: Piv, flow: Flow, *, p: StatisticsParams) -> Statistics:
     """Mean velocity and vorticity, fluctuations and Reynolds stresses of a steady flow.
 
@@ -62,26 +61,39 @@ def of_times(field: xr.Dataset) -> Iterator[Velocities]:
 
 
 def mean_of(values: xr.DataArray, t: xr.DataArray) -> tuple[Array, Array]:
-    """Mean (y, x) of values (y, x, t) at the times t and its standard uncertainty; NaN where fewer than 3 are known."""
-    a = values.sel(t=t).transpose("t", "y", "x").values
-    n = np.isfinite(a).sum(axis=0)
-    known = np.where(n >= 3, a, np.nan)
-    flat = known.reshape(len(a), -1)
-    flat = flat[:, np.isfinite(flat).any(axis=0)]
-    memory = Memory.of(flat[:, :: max(1, flat.shape[1] // AT_MOST)]).mean if flat.size else 0.0
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # places where nothing is known
-        return np.nanmean(known, axis=0), np.nanstd(known, axis=0, ddof=1) / np.sqrt(independent(n, len(a), memory))
+    """Mean (y, x) of values (y, x, t) at the times t and its standard uncertainty; NaN where fewer than 3 are known.
+
+    A long film is read part by part.
+    """
+    field = values.sel(t=t).to_dataset(name="a")
+    n, first, total, squares = (np.zeros([field.sizes[d] for d in ("y", "x")]) for _ in range(4))
+    for f in Planes(field):
+        a = f.a.transpose("y", "x").values
+        known = np.isfinite(a)
+        first = np.where((n == 0) & known, a, first)  # near the mean: squares lose nothing to rounding
+        off = np.where(known, a - first, 0.0)
+        n, total, squares = n + known, total + off, squares + off * off
+    n[n < 3] = np.nan
+    series = evenly(field).a.transpose("t", "y", "x").values.reshape(field.sizes["t"], -1)
+    series = series[:, np.isfinite(series).sum(axis=0) >= 3]
+    memory = Memory.of(series).mean if series.size else 0.0
+    scatter = np.sqrt(np.maximum(squares - total**2 / n, 0.0) / (n - 1.0))
+    return first + total / n, scatter / np.sqrt(independent(n, field.sizes["t"], memory))
 
 
 def remembered(field: xr.Dataset) -> list[Array]:
     """Both components, each (t, k), of vectors that lie evenly over the field, NaN where not measured."""
-    many = field.sizes["y"] * field.sizes["x"]
-    every = max(1, math.ceil(math.sqrt(many / max(1, min(AT_MOST, SERIES // (2 * field.sizes["t"]))))))
-    f = field[["u", "v", "chc"]].isel(x=slice(None, None, every), y=slice(None, None, every)).transpose("t", "y", "x")
+    f = evenly(field[["u", "v", "chc"]]).transpose("t", "y", "x")
     seen = f.chc.values > 0
     parts = [np.where(seen, f[n].values, np.nan).reshape(len(seen), -1) for n in ("u", "v")]
     return [a[:, np.isfinite(a).sum(axis=0) >= 2] for a in parts]
+
+
+def evenly(field: xr.Dataset) -> xr.Dataset:
+    """A field (y, x, t) at vectors that lie evenly over it, few enough to be held over all times."""
+    many = field.sizes["y"] * field.sizes["x"]
+    every = max(1, math.ceil(math.sqrt(many / max(1, min(AT_MOST, SERIES // (2 * field.sizes["t"]))))))
+    return field.isel(x=slice(None, None, every), y=slice(None, None, every))
 
 
 @stage(version=1)
