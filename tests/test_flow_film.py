@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 
 import jumpvision as jv
 from jumpvision.base.schema import InputError
 from jumpvision.cli import main
+from jumpvision.experiment.results.fields import Piv
 from jumpvision.films.frames import FrameError
 from jumpvision.films.vision.piv.pair import MASKED
+from jumpvision.report.figures.flows import validation_picture
 
 SIZE = 128
 RATE, APART = 10.0, 2e-3  # pairs a second; s from A to B
@@ -261,6 +266,21 @@ def test_a_line_beside_the_field_is_refused(steady_run):
     other = jv.open(made.path, set=["profiles.lines=[[500, -10, 600, -10]]"])
     with pytest.raises(ValueError, match=r"lines\[0\].*nothing was measured on it; the field lies in x"):
         jv.profiles(other)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_moment_without_one_valid_vector_is_drawn_with_its_raw_ones(steady_run):
+    """The worst moment, of which the picture is made; nothing was drawn, under a warning of numpy."""
+    made, _ = steady_run
+    field = jv.piv(made).field.load().copy(deep=True)
+    for name in ("u", "v", "chc"):
+        field[name][..., 7] = np.nan
+    drawn = []
+    quiver = Axes.quiver
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(Axes, "quiver", lambda *a, **k: drawn.append(k["scale"]) or quiver(*a, **k))
+        validation_picture(Piv(field))
+    assert len(drawn) == 1 and math.isfinite(drawn[0])
 
 
 @pytest.mark.long

@@ -1,6 +1,7 @@
 """The field file of stage piv, written pair by pair."""
 
 import gc
+import warnings
 import weakref
 
 import numpy as np
@@ -10,6 +11,8 @@ import xarray as xr
 from jumpvision.base.record import RecordError
 from jumpvision.experiment.results import fields
 from jumpvision.experiment.results.fields import TOGETHER, Piv, Planes
+from jumpvision.experiment.stages.grains.statistics import mean_of
+from jumpvision.films.grains.steady import Memory, independent
 
 N = 2 * TOGETHER + 3
 
@@ -103,3 +106,20 @@ def test_a_film_that_ends_early_is_an_error_and_leaves_nothing(n, tmp_path, monk
     with pytest.raises(RecordError, match=f"{n} of {N} times"):
         Piv.write(head(N), planes(n))
     assert not list(tmp_path.iterdir())
+
+
+def test_a_mean_over_a_long_field_is_that_of_all_its_times_at_once():
+    """Read part by part; against numpy's own mean and standard deviation, with times and places that are not known."""
+    rng = np.random.default_rng(4)
+    values = 50.0 + rng.normal(size=(3, 4, 40))
+    values[rng.uniform(size=values.shape) < 0.2] = np.nan
+    values[0, 0, 2:] = np.nan  # known twice: no mean
+    field = xr.DataArray(values, dims=("y", "x", "t"), coords={"t": np.arange(40.0)})
+    mean, sigma = mean_of(field, field.t[5:])
+    known = np.where(np.isfinite(values[..., 5:]).sum(-1, keepdims=True) >= 3, values[..., 5:], np.nan)
+    worth = independent(np.isfinite(known).sum(-1), 35, Memory.of(known.reshape(12, 35).T[:, 1:]).mean)
+    with np.errstate(all="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        np.testing.assert_allclose(mean, np.nanmean(known, axis=-1), rtol=1e-13)
+        np.testing.assert_allclose(sigma, np.nanstd(known, axis=-1, ddof=1) / np.sqrt(worth), rtol=1e-10)
+    assert np.isnan(mean[0, 0]) and np.isfinite(mean).sum() == 11

@@ -118,7 +118,7 @@ class Piv(LongField):
 
 AXES = "y", "x", "t"
 TOGETHER = 16  # times that are compressed and written at once, of fields of few vectors as many as have
-SMALLEST = 4096  # values: a film of 100,000 pictures would lie in 6,250 pieces of each variable, all known to HDF5
+SMALLEST = 1024  # values: 100,000 small pictures would lie in 6,250 pieces of each variable, all known to HDF5
 AT_ONCE = 2**17  # values of a variable that are read at once
 
 

@@ -73,7 +73,7 @@ def validation_picture(piv: Piv) -> ValidationPicture:
     i, shares = worst_and_shares(field)
     f = field.isel(t=i).transpose("y", "x")
     x, y = f.x.values * factor, f.y.values * factor
-    typical = float(np.nanquantile(np.hypot(f.u, f.v), 0.9)) or 1.0
+    typical = _typical(f.u, f.v) or _typical(f.u_raw, f.v_raw) or 1.0  # no valid vector may be left
     every = max(1, -(-len(x) // 48))  # arrows along a row, at most
     few = np.s_[every // 2 :: every, every // 2 :: every]
     u, v = (np.clip(a.values, -LONGEST * typical, LONGEST * typical)[few] for a in (f.u_raw, f.v_raw))
@@ -98,6 +98,12 @@ def validation_picture(piv: Piv) -> ValidationPicture:
         right.set_ylim(0.0, 120.0)
         figure.legend(*right.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=7)
         return ValidationPicture(png(figure))
+
+
+def _typical(u: xr.DataArray, v: xr.DataArray) -> float:
+    """A speed that nine vectors of ten do not exceed; 0 of none."""
+    speed = np.hypot(u.values, v.values)
+    return float(np.nanquantile(speed, 0.9)) if np.isfinite(speed).any() else 0.0
 
 
 class Map(NamedTuple):
