@@ -10,7 +10,7 @@ import math
 import shutil
 import tempfile
 import weakref
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -26,6 +26,8 @@ from jumpvision.films.grains.grid import VectorGrid
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    Plane = xr.Dataset | Mapping[Hashable, xr.Variable]  # (y, x) by name; variables alone are made fast
 
 
 def unit_of(values: xr.DataArray) -> str:
@@ -75,7 +77,7 @@ class LongField(Field):
         )
 
     @classmethod
-    def write(cls, head: xr.Dataset, planes: Iterator[xr.Dataset]) -> Self:
+    def write(cls, head: xr.Dataset, planes: Iterator[Plane]) -> Self:
         """A field of many times, taken one at a time: head has x, y, t and what is small, planes (y, x) the rest.
 
         The file lies in the folder for temporary files until the record's field is no longer used.
@@ -163,18 +165,17 @@ def by_time(
     return [np.concatenate(parts) for parts in zip(*made)]
 
 
-def _append(file: Path, head: xr.Dataset, planes: Iterator[xr.Dataset]) -> None:
+def _append(file: Path, head: xr.Dataset, planes: Iterator[Plane]) -> None:
     """Write head and then the planes, `together` in memory at a time, along t."""
     import netCDF4
-    import xarray as xr
 
     head.to_netcdf(file, engine="netcdf4")
     done, size = 0, (head.sizes["y"], head.sizes["x"], min(together(head), head.sizes["t"]))
     with netCDF4.Dataset(file, "a") as out:
         while block := list(itertools.islice(planes, together(head))):
-            cube = xr.concat(block, "t", combine_attrs="override").transpose(*AXES)
-            for key, values in cube.data_vars.items():
+            for key, like in block[0].items():
                 name = str(key)
+                values = np.stack([plane[key].transpose("y", "x").values for plane in block], axis=-1)
                 if name not in out.variables:
                     empty = math.nan if values.dtype.kind == "f" else False
                     made = out.createVariable(
@@ -187,8 +188,8 @@ def _append(file: Path, head: xr.Dataset, planes: Iterator[xr.Dataset]) -> None:
                         fill_value=empty,
                         chunk_cache=math.prod(size) * values.dtype.itemsize,  # a chunk is written once: no more is kept
                     )
-                    made.setncatts(values.attrs)
-                out.variables[name][:, :, done : done + len(block)] = values.values
+                    made.setncatts(like.attrs)
+                out.variables[name][:, :, done : done + len(block)] = values
             done += len(block)
     if done != head.sizes["t"]:
         raise RecordError(f"{file.name}: {done} of {head.sizes['t']} times came")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,28 +61,25 @@ def flow(
 
 def derivatives(piv: Piv, half_width: int) -> xr.Dataset:
     """What `strained` gives, over (y, x, t)."""
-    shape, maps = tuple(piv.field.sizes[d] for d in ("y", "x", "t")), dict[str, xr.DataArray]()
+    shape, maps = tuple(piv.field.sizes[d] for d in ("y", "x", "t")), dict[Hashable, xr.DataArray]()
     coords = {c: piv.field[c] for c in ("x", "y", "t")}
     for i, plane in enumerate(strained(piv, half_width)):
         for name, values in plane.items():
             if i == 0:
-                maps[str(name)] = xr.DataArray(np.empty(shape), dims=("y", "x", "t"), attrs=values.attrs)
-            maps[str(name)].values[..., i] = values.values
+                maps[name] = xr.DataArray(np.empty(shape), dims=("y", "x", "t"), attrs=values.attrs)
+            maps[name].values[..., i] = values.values
     return xr.Dataset(maps, coords=coords)
 
 
-def strained(piv: Piv, half_width: int) -> Iterator[xr.Dataset]:
+def strained(piv: Piv, half_width: int) -> Iterator[dict[Hashable, xr.Variable]]:
     """Shear rate, vorticity, divergence and swirl with their sigmas [1/s] over (y, x), time after time, of the
     unsmoothed vectors."""
-    for f in Planes(piv.as_matched, MATCHED):
+    field = piv.as_matched
+    x, y = field.x.values, field.y.values
+    for f in Planes(field, MATCHED):
+        u, v, u_sigma, v_sigma, measured = (f.variables[name].values for name in MATCHED)
         g = gradients(
-            f.u,
-            f.v,
-            f.x,
-            f.y,
-            f.u_sigma,
-            f.v_sigma,
-            f.chc.values > 0,
+            *(u, v, x, y, u_sigma, v_sigma, measured > 0),
             half_width=half_width,
             correlation_length=piv.geometry.overlap,
         )
@@ -96,8 +93,7 @@ def strained(piv: Piv, half_width: int) -> Iterator[xr.Dataset]:
             "swirl": strain.swirl(g.u_x, g.u_y, g.v_x, g.v_y),
             "swirl_sigma": strain.swirl_sigma(g),
         }
-        units = {name: {"units": "1/s", **MEANING.get(name, {})} for name in found}
-        yield xr.Dataset({name: (("y", "x"), values, units[name]) for name, values in found.items()})
+        yield {n: xr.Variable(("y", "x"), a, {"units": "1/s", **MEANING.get(n, {})}) for n, a in found.items()}
 
 
 MATCHED = ("u", "v", "u_sigma", "v_sigma", "chc")
