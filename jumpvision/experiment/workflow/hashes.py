@@ -1,13 +1,14 @@
 """SHA-256 of recordings, remembered in the cache while the stamps of their files stay.
 
 A recording is a file with its headers, or a folder of up to 100,000 pictures: what is known of its files is one file
-of the cache, and in memory one text of names and one row of bytes.
+of the cache, and in memory a list of names and one row of bytes.
 """
 
 from __future__ import annotations
 
 import base64
 import bisect
+import functools
 import hashlib
 import json
 import os
@@ -45,6 +46,16 @@ class Hashed:
         for k, name in enumerate(self.names):
             yield (os.path.join(self.folder, name), *unpacked(self.known[k * SIZE : (k + 1) * SIZE]))
 
+    @functools.cached_property
+    def digest(self) -> str:
+        """SHA-256 of all, as of the JSON of their digests by name."""
+        whole = hashlib.sha256()
+        for k, (file, digest, _) in enumerate(self):  # one at a time
+            each = json.dumps({os.path.basename(file): digest})
+            whole.update(((", " if k else "{") + each[1:-1]).encode())
+        whole.update(b"}" if self.names else b"{}")
+        return whole.hexdigest()
+
     def of(self, name: str) -> bytes:
         """What is known of a file, b"" for nothing."""
         k = bisect.bisect_left(self.names, name)
@@ -64,21 +75,16 @@ class Hashes:
 
     def of_recording(self, path: Path) -> str:
         """SHA-256 of a recording: of all its files with their names."""
-        found = self.read[path] = self._hashed(path, self.read.get(path, NOTHING))
-        whole = hashlib.sha256()
-        for k, (file, digest, _) in enumerate(found):  # as JSON of all digests by name, of which one is in memory
-            each = json.dumps({os.path.basename(file): digest})
-            whole.update(((", " if k else "{") + each[1:-1]).encode())
-        whole.update(b"}" if len(found) else b"{}")
-        return whole.hexdigest()
+        before = self.read.get(path, NOTHING)
+        folder, names = recording_names(path)
+        found = Hashed(str(folder), names, self._all(folder, names, path, before))
+        if found != before:
+            self.read[path] = found
+        return self.read[path].digest
 
     def of_file(self, path: Path) -> str:
         """SHA-256 of a file."""
         return unpacked(self._all(path.parent, [path.name], path, NOTHING))[0]
-
-    def _hashed(self, recording: Path, before: Hashed) -> Hashed:
-        folder, names = recording_names(recording)
-        return Hashed(str(folder), names, self._all(folder, names, recording, before))
 
     def _all(self, folder: Path, names: list[str], about: Path, before: Hashed) -> bytes:
         """What is known of these files, packed; what is new is remembered. before: what this run has found earlier."""

@@ -357,7 +357,11 @@ class Workspace:
     @property
     def inputs(self) -> dict[str, str]:
         """SHA-256 of what was read, by its name in provenance.json."""
-        return {self._relative(f): digest for files in self.recordings.values() for f, digest, _ in files}
+        out: dict[str, str] = {}
+        for files in self.recordings.values():
+            before = self._relative(os.path.join(files.folder, "x"))[:-1]  # what stands before a name
+            out.update((before + name, digest) for name, (_, digest, _) in zip(files.names, files))
+        return out
 
     def counted(self) -> Iterator[tuple[Path, Stamp, str]]:
         """(file, stamp, SHA-256) of the results; of what they were kept as in the cache "" for it."""
