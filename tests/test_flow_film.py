@@ -15,7 +15,7 @@ from jumpvision.cli import main
 from jumpvision.experiment.results.fields import Piv
 from jumpvision.films.frames import FrameError
 from jumpvision.films.vision.piv.pair import MASKED
-from jumpvision.report.figures.flows import validation_picture
+from jumpvision.report.figures.flows import validation_picture, worst_of_parts
 
 SIZE = 128
 RATE, APART = 10.0, 2e-3  # pairs a second; s from A to B
@@ -290,3 +290,11 @@ def test_a_run_of_the_pipeline_draws_flow_statistics_profiles_and_validation(ste
     assert main(["run", str(made.path), "--results", str(tmp_path), *pipeline]) == 0
     for name in ("flow", "statistics", "profiles", "validation"):
         assert (tmp_path / f"{name}.png").stat().st_size > 10_000, name
+
+
+def test_of_a_long_film_the_worst_of_each_part_is_drawn():
+    measured = np.ones(100_001)
+    measured[[0, 777, 100_000]] = 0.5, 0.0, 0.2
+    at = worst_of_parts(measured)
+    assert len(at) == 2000 and {0, 777, 100_000} <= set(at.tolist()) and (np.diff(at) > 0).all()
+    assert worst_of_parts(measured[:2000]).tolist() == list(range(2000))

@@ -1,8 +1,12 @@
 """The field file of stage piv, written pair by pair."""
 
 import gc
+import os
+import subprocess
+import sys
 import warnings
 import weakref
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -123,3 +127,29 @@ def test_a_mean_over_a_long_field_is_that_of_all_its_times_at_once():
         np.testing.assert_allclose(mean, np.nanmean(known, axis=-1), rtol=1e-13)
         np.testing.assert_allclose(sigma, np.nanstd(known, axis=-1, ddof=1) / np.sqrt(worth), rtol=1e-10)
     assert np.isnan(mean[0, 0]) and np.isfinite(mean).sum() == 11
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="needs /proc, which tells the memory of a process")
+def test_what_was_read_of_a_long_field_does_not_stay_in_memory(tmp_path):
+    """NetCDF keeps up to 64 MB of each variable that is read: 3 x 49 MB here, of a real film's 13 variables all."""
+    grown = subprocess.check_output(
+        [sys.executable, "-c", READ], text=True, env={**os.environ, "TMPDIR": str(tmp_path)}
+    )
+    assert float(grown) < 30.0  # of 147 MB that were read
+
+
+READ = """
+import numpy as np, xarray as xr
+from jumpvision.experiment.results.fields import Piv, Planes
+
+def memory():
+    return int(open("/proc/self/statm").read().split()[1]) * 4096 / 1e6
+
+n, s = 1500, 64
+head = xr.Dataset(coords={"x": np.arange(s) * 1.0, "y": -np.arange(s) * 1.0, "t": np.arange(n) * 1.0})
+each = ({v: xr.Variable(("y", "x"), np.full((s, s), k), {"units": "1"}) for v in "abc"} for k in np.arange(n) * 1.0)
+field = Piv.write(head, each).field
+before = memory()
+assert [float(f.b[3, 4]) for f in Planes(field)] == list(range(n))
+print(memory() - before)
+"""

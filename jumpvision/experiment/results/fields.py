@@ -65,16 +65,31 @@ class Field(Record):
             return cls(d[[name for name, v in d.data_vars.items() if v.dims == ("t",)]].load())
 
 
+KEPT = 2**20  # bytes of a variable that lie unpacked in memory once they are read; a whole piece is read at a time
+
+
+def opened(file: Path) -> xr.Dataset:
+    """A field that is read from its file where it is used.
+
+    NetCDF would keep up to 64 MB of each of its 13 variables: all of a film of 2,000 fields of 4,000 vectors.
+    """
+    import netCDF4
+    import xarray as xr
+
+    before = netCDF4.get_chunk_cache()
+    netCDF4.set_chunk_cache(KEPT)
+    try:
+        return xr.open_dataset(file, engine="netcdf4", decode_times=False, cache=False)
+    finally:
+        netCDF4.set_chunk_cache(*before)
+
+
 class LongField(Field):
     """One that is read from its file where it is used, so a long film never lies in memory as a whole."""
 
     @classmethod
     def load(cls, folder: Path) -> Self:
-        import xarray as xr
-
-        return cls(
-            xr.open_dataset(folder / cls.file, engine="netcdf4", decode_times=False, cache=False), folder / cls.file
-        )
+        return cls(opened(folder / cls.file), folder / cls.file)
 
     @classmethod
     def write(cls, head: xr.Dataset, planes: Iterator[Plane]) -> Self:
@@ -82,12 +97,10 @@ class LongField(Field):
 
         The file lies in the folder for temporary files until the record's field is no longer used.
         """
-        import xarray as xr
-
         folder = Path(tempfile.mkdtemp(prefix="jumpvision-"))
         try:
             _append(folder / cls.file, head, planes)
-            field = xr.open_dataset(folder / cls.file, engine="netcdf4", decode_times=False, cache=False)
+            field = opened(folder / cls.file)
         except BaseException:
             shutil.rmtree(folder)
             raise

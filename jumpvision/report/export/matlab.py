@@ -12,6 +12,7 @@ import numpy as np
 
 from jumpvision.base.arrays import AnyArray
 from jumpvision.base.schema import InputError
+from jumpvision.experiment.results.fields import opened
 
 from .results import Results, each_file
 
@@ -51,9 +52,8 @@ def _column(values: pd.Series) -> AnyArray:
 
 
 def _write_field(file: Path, folder: Path) -> None:
-    import xarray as xr
 
-    with xr.open_dataset(file, engine="netcdf4", decode_times=False, cache=False) as data:
+    with opened(file) as data:
         write_variables(data, folder / f"{file.stem}.mat")
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from jumpvision.base.schema import InputError, Toml
 from jumpvision.base.storage import sha256
 from jumpvision.experiment import files
+from jumpvision.experiment.results.fields import opened
 from jumpvision.experiment.workflow.provenance import read_provenance
 
 if TYPE_CHECKING:
@@ -87,13 +88,12 @@ def each_file(found: list[Results], out: Path, writers: Mapping[str, Write]) -> 
 
 def each_field(found: list[Results], out: Path, write: Callable[[xr.Dataset, Path, str], None]) -> list[str]:
     """write(data, folder, name) of every field over (y, x, t); names of the files that are none. InputError: none."""
-    import xarray as xr
 
     left, made = [], 0
     for r in found:
         for file in r.files:
             if file.suffix == ".nc":
-                with xr.open_dataset(file, engine="netcdf4", decode_times=False, cache=False) as data:
+                with opened(file) as data:
                     if {"x", "y", "t"} <= set(data.dims):
                         write(data, folder_for(r, found, out), file.stem)
                         made += 1

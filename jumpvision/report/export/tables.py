@@ -9,6 +9,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from jumpvision.experiment.results.fields import opened
+
 from .results import Results, each_file
 
 if TYPE_CHECKING:
@@ -63,9 +65,8 @@ def _parts(name: str, value: Any) -> Iterator[tuple[str, Any]]:
 def _write_field(file: Path, folder: Path) -> None:
     """NAME_DIMS.csv of the variables over the same dimensions, one time after the other; units in the header."""
     import pandas as pd
-    import xarray as xr
 
-    with xr.open_dataset(file, engine="netcdf4", decode_times=False, cache=False) as data:
+    with opened(file) as data:
         groups: dict[tuple[str, ...], list[str]] = {}
         for name, values in data.data_vars.items():
             groups.setdefault(tuple(map(str, values.dims)), []).append(str(name))
