@@ -135,11 +135,12 @@ def test_of_a_long_field_a_part_of_the_times_is_read_at_once(monkeypatch):
     made |= {"chc": rng.integers(-1, 2, shape), "reason": rng.integers(0, len(REASONS), shape)}
     field = xr.Dataset({k: (("y", "x", "t"), v) for k, v in made.items()})
     monkeypatch.setattr(fields, "AT_ONCE", 1)
-    worst, shares = worst_and_shares(field)
+    worst, measured, shares = worst_and_shares(field)
     share = (made["chc"] > 0).sum((0, 1)) / (made["reason"] != MASKED).sum((0, 1))
     speed = np.nanmean(made["u_raw"] ** 2 + made["v_raw"] ** 2, axis=(0, 1))
     least = np.flatnonzero(share <= share.min() + 1e-9)
     assert worst == least[np.argmax(speed[least])]
+    np.testing.assert_allclose(measured, share)
     np.testing.assert_array_equal(shares, [(made["reason"] == k).mean((0, 1)) for k in range(len(REASONS))])
     mean = np.where(made["chc"] > 0, np.hypot(made["u"], made["v"]), np.nan)
     assert busiest(field) == np.argmax(np.nanmean(mean, axis=(0, 1)))

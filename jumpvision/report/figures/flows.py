@@ -14,7 +14,7 @@ from jumpvision.experiment.inputs.sections import NotApplicable
 from jumpvision.experiment.results.fields import Piv, Statistics, by_time
 from jumpvision.experiment.results.tables import Paths, Profiles
 from jumpvision.experiment.workflow.stage import stage
-from jumpvision.films.vision.piv.pair import MASKED, REASONS, SECOND_PEAK, VALID
+from jumpvision.films.vision.piv.pair import MASKED, REASONS
 from jumpvision.report.style import MAP, MEASURED, MODEL, QUIET, SIGNED, NewFigure, styled
 
 from .pictures import Picture, png
@@ -46,9 +46,9 @@ class PathsPicture(Picture):
     file = "paths.png"
 
 
-def worst_and_shares(field: xr.Dataset) -> tuple[int, Array]:
-    """Index of the time with the smallest share of measured vectors, of several the fastest; shares of the vectors, for
-    every reason of REASONS (k, t)."""
+def worst_and_shares(field: xr.Dataset) -> tuple[int, Array, Array]:
+    """Index of the time with the smallest share of measured vectors, of several the fastest; that share (t,), of all
+    that are not masked; shares of the vectors, for every reason of REASONS (k, t)."""
 
     def of(f: xr.Dataset) -> list[xr.DataArray]:
         plane = "y", "x"
@@ -60,7 +60,7 @@ def worst_and_shares(field: xr.Dataset) -> tuple[int, Array]:
         ]
 
     share, speed, *shares = by_time(field, ("chc", "reason", "u_raw", "v_raw"), of)
-    return int(np.argmax(np.where(share <= share.min() + 1e-9, speed, -1.0))), np.array(shares)
+    return int(np.argmax(np.where(share <= share.min() + 1e-9, speed, -1.0))), share, np.array(shares)
 
 
 def worst_of_parts(measured: Array) -> NDArray[np.int64]:
@@ -78,7 +78,7 @@ def validation_picture(piv: Piv) -> ValidationPicture:
     if "u_raw" not in field or "reason" not in field:
         raise NotApplicable(["validation: a field of another program, without raw vectors"])
     factor, shown = (1e3, "mm") if piv.geometry.metric else (1.0, "px")
-    i, shares = worst_and_shares(field)
+    i, measured, shares = worst_and_shares(field)
     f = field.isel(t=i).transpose("y", "x")
     x, y = f.x.values * factor, f.y.values * factor
     typical = _typical(f.u, f.v) or _typical(f.u_raw, f.v_raw) or 1.0  # no valid vector may be left
@@ -86,9 +86,8 @@ def validation_picture(piv: Piv) -> ValidationPicture:
     few = np.s_[every // 2 :: every, every // 2 :: every]
     u, v = (np.clip(a.values, -LONGEST * typical, LONGEST * typical)[few] for a in (f.u_raw, f.v_raw))
     apart = every * abs(float(x[1] - x[0])) if len(x) > 1 else 1.0
-    names = sorted(REASONS)
-    worst = worst_of_parts(shares[names.index(VALID)] + shares[names.index(SECOND_PEAK)])
-    present = {k: share[worst] for k, share in zip(names, shares) if k != MASKED and share.any()}
+    worst = worst_of_parts(measured)
+    present = {k: share[worst] for k, share in zip(sorted(REASONS), shares) if k != MASKED and share.any()}
     with styled() as Figure:
         figure = Figure(figsize=(9.6, 4.6), layout="constrained")
         left, right = figure.subplots(1, 2, width_ratios=(1.7, 1))
@@ -96,15 +95,15 @@ def validation_picture(piv: Piv) -> ValidationPicture:
         left.pcolormesh(x, y, f.reason.values, rasterized=True, **codes)
         at = np.meshgrid(x, y)[0][few], np.meshgrid(x, y)[1][few]
         left.quiver(*at, u, v, angles="xy", scale_units="xy", scale=typical / (1.5 * apart), width=0.003)
+        one_of = round(shares.shape[1] / worst.size)
+        which, line = (f", the worst of every {one_of} pairs", "none") if one_of > 1 else ("", "-")
         for k, share in present.items():
-            how = {"color": COLOURS[k] if k else QUIET, "label": fill(REASONS[k].split(":")[0], 40)}
+            how = {"ls": line, "color": COLOURS[k] if k else QUIET, "label": fill(REASONS[k].split(":")[0], 40)}
             right.plot(field.t.values[worst], 100.0 * share, marker=".", ms=4, **how)
         left.set(title=f"raw vectors, t = {float(f.t):.4g} s", xlabel=f"x [{shown}]", ylabel=f"y [{shown}] (up)")
         left.set_aspect("equal")
         left.grid(False)
-        one_of = round(shares.shape[1] / worst.size)
-        which = f" (the worst of {one_of} times)" if one_of > 1 else ""
-        right.set(title=f"what became of the vectors{which}", xlabel="time [s]", ylabel="share [%]")
+        right.set(title="what became of the vectors", xlabel=f"time [s]{which}", ylabel="share [%]")
         right.set_yscale("symlog", linthresh=1.0)
         right.set_yticks([0, 0.5, 1, 5, 10, 50, 100], ["0", "0.5", "1", "5", "10", "50", "100"])
         right.set_ylim(0.0, 120.0)
