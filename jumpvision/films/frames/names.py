@@ -37,7 +37,7 @@ def numbering(where: Path, names: Sequence[str]) -> Numbering:
         several = len(names) > 2 and any(map(DIGITS.search, stems))
         text = f"{where}: the names of the images do not differ in one number alone ({_odd(names, stems)}); "
         return Numbering(ordered, None, [text + "they are timed as if none were missing"] if several else [])
-    order = sorted(range(len(names)), key=lambda k: (found[k], names[k]))
+    order = sorted(sorted(range(len(names)), key=names.__getitem__), key=found.__getitem__)
     ordered, numbers = [names[k] for k in order], np.array([found[k] for k in order])
     positions, warnings = _gaps(where, ordered, numbers)
     return Numbering(ordered, positions, warnings)
@@ -56,11 +56,14 @@ def _varying(stems: Sequence[str], number: re.Pattern[str]) -> Sequence[float] |
     """The one number in which names that are else alike differ."""
     if len({tuple(number.split(s)[::2]) for s in stems}) > 1:
         return None
-    columns = list(zip(*(tuple(map(float, number.split(s)[1::2])) for s in stems)))
-    varying = [c for c in columns if len(set(c)) > 1]
-    if len(stems) == 1 and columns:
-        return columns[-1]
-    return varying[0] if len(varying) == 1 else None
+    first = number.split(stems[0])[1::2] if stems else []
+    columns = np.empty((len(first), len(stems)))  # of 100,000 names one list of texts at a time
+    for k, s in enumerate(stems):
+        columns[:, k] = [float(x) for x in number.split(s)[1::2]]
+    if len(stems) == 1 and first:
+        return [float(first[-1])]
+    varying = columns[(columns != columns[:, :1]).any(axis=1)] if first else columns
+    return varying[0].tolist() if len(varying) == 1 else None
 
 
 def _signed(stems: Sequence[str]) -> list[float] | None:
@@ -83,7 +86,7 @@ def _decimal(stems: Sequence[str]) -> bool:
     Decimals are written without zeros at their end, and not all equally long; what stands before a counter's point is
     the same in all names.
     """
-    points = [re.findall(r"(?<![0-9.])([0-9]+)\.([0-9]+)(?![0-9.])", s) for s in stems]
+    points = (re.findall(r"(?<![0-9.])([0-9]+)\.([0-9]+)(?![0-9.])", s) for s in stems)
     pairs = [p[-1] for p in points if p]
     if not pairs or any(tail.endswith("0") for _, tail in pairs):
         return False
