@@ -27,7 +27,7 @@ from jumpvision.films.grains.grid import VectorGrid
 if TYPE_CHECKING:
     import xarray as xr
 
-    Plane = xr.Dataset | Mapping[Hashable, xr.Variable]  # (y, x) by name; variables alone are made fast
+    Plane = xr.Dataset | Mapping[Hashable, xr.Variable]  # over (y, x); variables alone are faster to make
 
 
 def unit_of(values: xr.DataArray) -> str:
@@ -65,14 +65,11 @@ class Field(Record):
             return cls(d[[name for name, v in d.data_vars.items() if v.dims == ("t",)]].load())
 
 
-KEPT = 2**20  # bytes of a variable that lie unpacked in memory once they are read; a whole piece is read at a time
+KEPT = 2**20  # bytes of a variable that stay in memory after they were read
 
 
 def opened(file: Path) -> xr.Dataset:
-    """A field that is read from its file where it is used.
-
-    NetCDF would keep up to 64 MB of each of its 13 variables: all of a film of 2,000 fields of 4,000 vectors.
-    """
+    """A field that is read from its file where it is used. By default NetCDF keeps up to 64 MB of every variable."""
     import netCDF4
     import xarray as xr
 
@@ -132,8 +129,8 @@ class Piv(LongField):
 
 
 AXES = "y", "x", "t"
-TOGETHER = 16  # times that are compressed and written at once, of fields of few vectors as many as have
-SMALLEST = 1024  # values: 100,000 small pictures would lie in 6,250 pieces of each variable, all known to HDF5
+TOGETHER = 16  # times that are compressed, written and read at once: a piece of the file; of small fields more
+SMALLEST = 1024  # values of a piece: HDF5 keeps a record of every piece in memory
 AT_ONCE = 2**17  # values of a variable that are read at once
 
 

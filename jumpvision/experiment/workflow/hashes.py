@@ -25,14 +25,14 @@ from .entries import ATTEMPTS
 
 NUMBERS = 4  # of a stamp
 WIDTH = 17  # bytes of one of them: what identifies a file on Windows has 128 bits, dates have a sign
-EACH = 60.0  # s after which what was hashed is remembered
+EACH = 60.0  # s between two notes of what was hashed so far
 SIZE = 32 + NUMBERS * WIDTH  # bytes of SHA-256 and stamp
 
 
 @dataclass(frozen=True)
 class Hashed:
-    """The files of a recording: their folder, names in order, and of each SHA-256 and stamp (`packed`), one after the
-    other."""
+    """The files of a recording: their folder, their names in order; known: SHA-256 and stamp of each (`packed`), one
+    after the other."""
 
     folder: str
     names: list[str]
@@ -99,7 +99,7 @@ class Hashes:
             if known[32:] != seen:
                 known, new = _hashed_now(file, at), True
             out += known
-            if new and time.monotonic() > due:  # who stops a run loses no more
+            if new and time.monotonic() > due:  # a run that is stopped loses no more than that
                 self._remember(about, Hashed(str(folder), names[: k + 1], bytes(out)))
                 due = time.monotonic() + EACH
         if new:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 COLOURS = ("#ececec", "white", "#56B4E9", "#D55E00", "#0072B2", "#E69F00", "#F0E442", "#CC79A7")  # as REASONS
 LONGEST = 4.0  # typical speeds: a wild vector is drawn no longer
-MOST = 2000  # times that a line is drawn of
+MOST = 2000  # points of a line
 
 
 class ValidationPicture(Picture):
