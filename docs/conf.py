@@ -4,7 +4,13 @@ Its first page, results/site/index.html, is docs/README.md: where to begin, and 
 
 import re
 import shutil
+import sys
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import reference
+import tables
 
 import jumpvision
 
@@ -48,7 +54,14 @@ def _index(app, exception) -> None:
         shutil.copyfile(Path(app.outdir) / f"{root_doc}.html", Path(app.outdir) / "index.html")
 
 
+def _generate(app) -> None:
+    """Write keys.md and api.md, which are made from the code and not kept in git."""
+    for module in (tables, reference):
+        module.TARGET.write_text(module.text(), encoding="utf-8")
+
+
 def setup(app) -> None:
     """Called by Sphinx."""
+    app.connect("builder-inited", _generate)
     app.connect("source-read", _read)
     app.connect("build-finished", _index)

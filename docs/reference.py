@@ -1,4 +1,7 @@
-"""Write docs/api.md, what is public with its docstrings, and the types of `jv.*`: this script."""
+"""Make the text of api.md (the public names with their docstrings; written when the site is built) and the types of `jv.*`.
+
+`python docs/reference.py` writes the types, jumpvision/__init__.pyi.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ ROOT = Path(jumpvision.__file__).parent
 STUB = ROOT / "__init__.pyi"
 HEAD = """# API: `import jumpvision as jv`
 
-Made by `python docs/reference.py` from the docstrings. All that is public is on this page: what `jv` offers, and the
+Made from the docstrings when the site is built. All that is public is on this page: what `jv` offers, and the
 records that its functions return. What else lies in the package may change from version to version. The functions are
 introduced in [notebook.md](notebook.md); "the thesis" is Aguilar, with the equations in [physics.md](physics.md)."""
 
@@ -113,5 +116,4 @@ def text() -> str:
 
 
 if __name__ == "__main__":
-    TARGET.write_text(text(), encoding="utf-8")
     STUB.write_text(stub(), encoding="utf-8")

@@ -1,4 +1,5 @@
-"""Write docs/keys.md, the tables of every key of a folder, of the stages and the sweeps: `python docs/tables.py`."""
+"""Make the text of keys.md, the tables of every key of a folder, of the stages and the sweeps; written when the site is
+built, printed by `python docs/tables.py`."""
 
 from __future__ import annotations
 
@@ -63,7 +64,7 @@ def text() -> str:
     """The whole page."""
     parts = [
         "# Every key, with its default, unit, range and meaning",
-        "Made by `python docs/tables.py` from the declarations in the code; `jumpvision params` prints the stages' "
+        "Made from the declarations in the code when the site is built; `jumpvision params` prints the stages' "
         "part. SI units. A section may be left out until a stage needs it. "
         "The thesis is Aguilar ([physics.md](physics.md)).",
         "## experiment.toml and campaign.toml",
@@ -106,4 +107,4 @@ def text() -> str:
 
 
 if __name__ == "__main__":
-    TARGET.write_text(text(), encoding="utf-8")
+    print(text(), end="")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import shlex
-import sys
 from pathlib import Path
 
 import pytest
@@ -17,7 +16,12 @@ from jumpvision.experiment.workflow.stage import results_stages
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 SHOWN = (ROOT / "docs" / "samples.md").read_text(encoding="utf-8")
 app = application()
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "data_samples" / "README.md"]
+GENERATED = ("api.md", "keys.md")  # written when the site is built
+PAGES = [
+    ROOT / "README.md",
+    *sorted(p for p in (ROOT / "docs").glob("*.md") if p.name not in GENERATED),
+    ROOT / "data_samples" / "README.md",
+]
 
 
 def commands(page: Path) -> list[str]:
@@ -73,19 +77,10 @@ def test_the_printed_table_is_that_of_the_page():
     assert names <= set(re.findall(r"^\S+", table, flags=re.M))
 
 
-def test_the_key_tables_are_those_of_the_code():
-    sys.path.insert(0, str(ROOT / "docs"))
-    try:
-        import tables
-    finally:
-        sys.path.pop(0)
-    assert (ROOT / "docs" / "keys.md").read_text(encoding="utf-8") == tables.text(), "run: python docs/tables.py"
-
-
 def test_links_lead_somewhere():
     for page in PAGES:
         for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text(encoding="utf-8")):
-            assert (page.parent / target).exists(), f"{page.name}: {target}"
+            assert target in GENERATED or (page.parent / target).exists(), f"{page.name}: {target}"
 
 
 @pytest.mark.parametrize("name", sorted(n for n in app if not n.startswith("-")))
