@@ -32,7 +32,7 @@ from jumpvision.jumper.question.jumps import Jump, Shared
 from jumpvision.jumper.question.learning import Learned
 from jumpvision.jumper.question.words import diagnosis_of
 from jumpvision.laboratory.blind import campaign
-from jumpvision.laboratory.seal import answer_of, score
+from jumpvision.laboratory.game import score
 
 from .diagnosis import jumps_of
 from .noise import questioned
@@ -162,7 +162,7 @@ def scored(answer: Answer, w: World) -> Row:
         outcome, names = "right", list(w.setting.hidden)
     else:
         data = diagnosis_of(d, answer.learned)
-        outcome, names = score(data.values, answer_of(w.setting))["outcome"], data.named
+        outcome, names = score(data.values, w.setting.hidden, w.setting.parameters)["outcome"], data.named
     right = set(names) & set(w.setting.hidden)
     own = {p.name for m in right if m in fit.mechanisms for p in answer.system.candidates[m].parameters}
     named = {p.name: ends(fit, p) for p in fit.parameters if p.name in own}

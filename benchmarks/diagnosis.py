@@ -33,7 +33,7 @@ from jumpvision.jumper.question.jumps import Jump
 from jumpvision.jumper.question.learning import learn_noise
 from jumpvision.jumper.question.words import diagnosis_of
 from jumpvision.laboratory.blind import ROBOTS, Nuisance, Recorded, Setting, campaign, choices, draw
-from jumpvision.laboratory.seal import answer_of, score
+from jumpvision.laboratory.game import score
 
 ENCODER = 6.25e-6  # m
 NOISES = {  # nuisance of the false-alarm table: rho, rounding step [m]
@@ -60,7 +60,7 @@ class Case:
 
 def jumps_of(setting: Setting, recorded: list[Recorded]) -> tuple[list[Jump], dict[str, Any], dict[str, float]]:
     """(jumps, ranges, priors) as `jumpvision diagnose` would read them from the campaign's folders."""
-    ground, spec, sigma = setting.protocol.header.ground, setting.protocol.model, setting.protocol.robot_sigma
+    ground, spec, sigma = setting.protocol.ground, setting.protocol.model, setting.protocol.robot_sigma
     parameters = {k: v for k, v in spec.items() if k not in ("terms", "fit", "sigma")}
     fit = {k: (float(v[0]), float(v[1])) for k, v in spec.get("fit", {}).items()}
     parameters |= {k: sum(v) / 2 for k, v in fit.items() if k not in parameters}
@@ -104,7 +104,6 @@ def run(case: Case) -> dict[str, Any]:
     out: dict[str, Any] = {"table": case.table, "hidden": "+".join(case.hidden) or "nothing", "noise": case.noise,
                            "ground": case.ground, "seed": case.seed, "s": noise.s, "rho": noise.rho,
                            "scatter": scatter}  # fmt: skip
-    answer = answer_of(setting)
     if not case.hidden:
         problem = Problem(system, noise, scatter)
         base = fit_baseline(problem, rng)
@@ -116,7 +115,7 @@ def run(case: Case) -> dict[str, Any]:
         d = Order(problem, rng, by=("kind",), stops=stops, shapes=Shaped).all()
         data = diagnosis_of(d, learned)
         out |= {"p": data.p_value, "named": "+".join(data.named), "status": data.status}
-        out |= score(data.values, answer)
+        out |= score(data.values, setting.hidden, setting.parameters)
         out["described"] = list(data.unexplained.terms) if data.unexplained else []
         if setting.outside and not out["described"]:
             out["outcome"] = "undescribed" if out["outcome"] == "right" else out["outcome"]
@@ -129,7 +128,7 @@ def run(case: Case) -> dict[str, Any]:
             out["best_chi2_per_n"] = d.naming.best.fit.chi2 / sum(r.size for r in d.baseline.residuals)
         out["detected"] = float(d.baseline.chi2 - sum(r.size - 1 for r in d.baseline.residuals))
         out["held_out"] = data.gain.rmse_track_after_m / noise.s if data.gain else None
-        out["truth"] = dict(answer.parameters)
+        out["truth"] = dict(setting.parameters)
     out["seconds"] = time.perf_counter() - began
     return out
 

@@ -24,7 +24,7 @@ from jumpvision.laboratory.films.flow import Cone
 from jumpvision.laboratory.films.grain_record import write_grain_film
 from jumpvision.laboratory.films.optics import GrainCamera
 from jumpvision.laboratory.jumper import Law, motion_of
-from jumpvision.laboratory.protocol_keys import GrainFilm
+from jumpvision.laboratory.protocol import GrainFilm
 from jumpvision.laboratory.samples import PHASE, SAND_ROBOT, SAND_TERMS, SAND_TRUTH, START
 from jumpvision.laboratory.write import Recording
 

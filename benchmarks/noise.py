@@ -27,8 +27,8 @@ from jumpvision.jumper.question.jumps import Jump
 from jumpvision.jumper.question.learning import Learned, learn_noise
 from jumpvision.jumper.question.words import diagnosis_of
 from jumpvision.laboratory.blind import Nuisance, Recorded, Setting, campaign, choices, draw
+from jumpvision.laboratory.game import score
 from jumpvision.laboratory.recordings import NU
-from jumpvision.laboratory.seal import answer_of, score
 
 from .diagnosis import jumps_of
 from .oracle import Oracle, Unreachable, level_for
@@ -168,7 +168,7 @@ def power(case: Case) -> Row:
         return {**told, "detected": found.discrepant, "p": found.p_value, "chi2_per_dof": found.chi2_per_dof}
     d = Order(Problem(system, learned.noise, learned.scatter), rng, by=("kind",), stops=stops).all()
     data = diagnosis_of(d, learned)
-    outcome = score(data.values, answer_of(setting))["outcome"]
+    outcome = score(data.values, setting.hidden, setting.parameters)["outcome"]
     return {
         **told, "detected": not d.adequate, "outcome": outcome, "named": data.named, "p": d.detection.p_value,
         "chi2_per_dof": d.detection.chi2_per_dof,

@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.laboratory.blind import DT, EFFECTS, EVERY, Recorded, Setting, track_of
+from jumpvision.laboratory.blind import DT, EFFECTS, EVERY, Recorded, Setting
 from jumpvision.laboratory.campaign import jump_of
 from jumpvision.laboratory.jumper import AT_THE_CAMERA, STATIC
-from jumpvision.laboratory.protocol import CAMERA_PARAMETERS, Protocol
-from jumpvision.laboratory.protocol_keys import RodTrack
+from jumpvision.laboratory.protocol import Protocol, RodTrack
 from jumpvision.laboratory.recordings import NU, SHARE, slow
 
 Array = NDArray[np.float64]
@@ -39,7 +38,7 @@ def heights(protocol: Protocol) -> list[tuple[Array, Array, float]]:
     out = []
     for jump in protocol.jumps:
         motion, _, p = jump_of(protocol, jump, np.random.default_rng(0), dt=DT, every=EVERY)
-        rate = track_of(protocol).rate
+        rate = protocol.records.rod_track.rate
         t = np.arange(int(motion.t[-1] * rate + 1e-6) + 1) / rate
         y = p.get("scale", 1.0) * (motion.at("rod", t + p.get("dt", 0.0)) - motion.rest)
         landings = motion.lift_offs + motion.flights
@@ -55,8 +54,8 @@ def without(setting: Setting) -> Protocol:
     if name in STATIC:
         raise Unreachable(f"{name}: the static force itself")
     if name in AT_THE_CAMERA:
-        null = {"camera_scale": 1.0, "time_offset": 0.0}[name]
-        return replace(p, parameters={**p.parameters, CAMERA_PARAMETERS[name]: null})
+        null = {"camera_scale": {"scale": 1.0}, "time_offset": {"dt": 0.0}}[name]
+        return replace(p, parameters={**p.parameters, **null})
     return replace(p, terms=tuple(t for t in p.terms if t != name))
 
 

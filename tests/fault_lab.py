@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -159,15 +160,11 @@ RUN = [sys.executable, "-c", "import sys; from jumpvision.cli import main; sys.e
 
 def write_whole_campaign(root: Path) -> Path:
     """Four jumps to be diagnosed, a filmed one, and a grain film whose parts are kept as they come."""
-    from jumpvision.laboratory import write
     from jumpvision.laboratory.blind import Nuisance, draw
-    from jumpvision.laboratory.campaign import carry_out, defaults
+    from jumpvision.laboratory.campaign import write_campaign
 
     setting = draw(np.random.default_rng(3), ground="hard", hidden=[], nuisance=Nuisance(1e-4, 0.0, 0.0))
-    jumps = [j for j in setting.protocol.jumps if j.law.delay == 0][:4]
-    root.mkdir(parents=True)
-    carry_out([(setting.protocol, j) for j in jumps], root, seed=1, workers=1, sealed=True)
-    write.toml(root / "campaign.toml", defaults(setting.protocol))
+    write_campaign(root, replace(setting.protocol, jumps=setting.protocol.jumps[:4]), seed=1, sealed=True)
     shutil.copytree(Path(__file__).parents[1] / "data_samples" / "hard_ground", root / "filmed")
     grain_film(root / "grains", 600)
     return root

@@ -31,6 +31,8 @@ from jumpvision.experiment.stages.preflight import preflight
 from jumpvision.experiment.workflow.run import Outcome
 from jumpvision.experiment.workflow.workspace import Step
 from jumpvision.laboratory.campaign import write_campaign
+from jumpvision.laboratory.protocol import MotorLog, Protocol, Records, RodTrack, jumps_of
+from jumpvision.laboratory.samples import HARD_ROBOT
 
 G, CONTACT = 9.81, 0.06  # m/s^2, s of a stance between two hops
 REST = 0.4  # s, before the first hop
@@ -249,36 +251,19 @@ def test_a_crater_map_in_mm_is_told(tmp_path, capsys, unit, told):
     assert capsys.readouterr().err.count("m wide: in mm? then give height_scale = 0.001") == told
 
 
-WORLD = """
-name = "a world"
-ground = "hard"
-duration = 1.2
-start = 0.2
-[robot]
-motor_mass = 1.003
-rod_mass = 0.175
-spring_stiffness = 5760.6
-spring_damping = 1.37
-[truth]
-terms = []
-[[jumps]]
-kind = "single"
-frequency = 9.0
-amplitude = 0.004
-[record]
-rod_track = { rate = 250.0, noise = 3e-5, family = "t3" }
-motor_log = {}
-[model]
-terms = []
-"""
-
-
 @pytest.fixture(scope="module")
 def world(tmp_path_factory):
     """A jump of the laboratory with a motor log; its folder."""
     place = tmp_path_factory.mktemp("world")
-    (place / "protocol.toml").write_text(WORLD)
-    write_campaign(place / "protocol.toml", place / "c", seed=5)
+    jump = Protocol(
+        HARD_ROBOT._replace(spring_damping=1.37, gravity=G),
+        jumps_of("single", [9.0], [0.004]),
+        Records(rod_track=RodTrack(250.0, 3e-5, family="t3"), motor_log=MotorLog()),
+        ground="hard",
+        duration=1.2,
+        model={"terms": []},
+    )
+    write_campaign(place / "c", jump, seed=5)
     return next(place.glob("c/*/experiment.toml")).parent
 
 

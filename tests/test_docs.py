@@ -71,8 +71,8 @@ ELSEWHERE = {  # commands that take long or wait for somebody: the test that doe
         "test_hard_compare.test_the_command_writes_a_file_a_figure_and_a_table",
     "synth samples my_samples":
         "test_lab.test_samples_are_never_written_over",
-    "synth protocol.toml my_campaign":
-        "test_lab_protocol.test_command",
+    "synth intrusion my_samples":
+        "test_folder_of_campaigns.test_what_synth_writes_is_run",
     "synth blind game --seed 7":
         "test_lab_blind.test_the_game_on_disk",
     "synth reveal game":

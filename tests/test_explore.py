@@ -12,6 +12,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from jumpvision.laboratory.protocol_keys import Jump, JumpSweep, jumps_of
+from jumpvision.laboratory.seal import answer_of, record_jump, seal, sealed_file
 from scipy.stats import norm
 
 from jumpvision.base.schema import InputError
@@ -45,8 +47,6 @@ from jumpvision.laboratory import write
 from jumpvision.laboratory.blind import AMPLITUDE, Nuisance, campaign, draw
 from jumpvision.laboratory.campaign import carry_out, defaults, write_campaign, written
 from jumpvision.laboratory.jumper import Law, motion_of
-from jumpvision.laboratory.protocol_keys import Jump, JumpSweep, jumps_of
-from jumpvision.laboratory.seal import answer_of, record_jump, seal, sealed_file
 
 RNG = np.random.default_rng
 

@@ -27,9 +27,8 @@ from jumpvision.jumper.physics.forcing import sinusoid
 from jumpvision.jumper.physics.sand.jump import simulate
 from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.words import heights_of
-from jumpvision.laboratory import write
 from jumpvision.laboratory.blind import draw
-from jumpvision.laboratory.campaign import carry_out, defaults
+from jumpvision.laboratory.campaign import write_campaign
 from jumpvision.laboratory.jumper import AT_THE_CAMERA
 from jumpvision.thesis.studies.setup import setup_of
 
@@ -40,9 +39,7 @@ def worlds(folder: Path, seed: int, ground: str) -> Path:
     setting = draw(rng, ground=ground, jumps="few")
     while {*setting.hidden} & {*AT_THE_CAMERA}:  # a camera that reports other heights, unknown to whoever measures
         setting = draw(rng, ground=ground, jumps="few")
-    folder.mkdir()
-    carry_out([(setting.protocol, j) for j in setting.protocol.jumps], folder, seed=seed, workers=1)
-    write.toml(folder / "campaign.toml", defaults(setting.protocol))
+    write_campaign(folder, setting.protocol, seed=seed)
     return folder
 
 

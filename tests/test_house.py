@@ -57,6 +57,16 @@ def test_the_laboratory_shares_nothing_with_the_analysis(name):
     assert all(n in LABORATORY or n.startswith("jumpvision.cli") for n in users)
 
 
+def test_commands_and_analysis_load_no_laboratory():
+    """All of them, but the studies of discs and, inside their functions, the commands `synth` and `dem`."""
+    ours = [n for n in modules() if not n.startswith(("jumpvision.laboratory", "jumpvision.thesis"))]
+    ours.remove("jumpvision.__main__")
+    code = f"import importlib, sys\nfor n in {ours}: importlib.import_module(n)\n"
+    code += "print(*(m for m in sys.modules if m.startswith('jumpvision.laboratory')))"
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert told.stdout.strip() == ""
+
+
 def test_only_what_shows_reads_a_truth():
     """The reader of truth.json is named by the two files that show it, and where it stands."""
     ours = [f for f in modules().values() if f.relative_to(ROOT).parts[0] != "laboratory"]

@@ -10,9 +10,10 @@ import pytest
 from conftest import later
 
 from jumpvision.base.schema import InputError
+from jumpvision.cli import main
 from jumpvision.experiment.inputs.experiment import open_campaign
 from jumpvision.jumper.mechanisms.registry import MECHANISMS as VOCABULARY
-from jumpvision.laboratory import blind, seal
+from jumpvision.laboratory import blind, game
 from jumpvision.laboratory.jumper import AT_THE_CAMERA, MECHANISMS, OUTSIDE, truth_of
 
 
@@ -142,10 +143,6 @@ def diagnosis(verdict="discrepant", named=(), twins=(), causes=(), status="compl
             "causes": list(causes), "status": status}  # fmt: skip
 
 
-def answer(*hidden: str, **parameters: float) -> seal.Answer:
-    return seal.Answer(hidden, any(h in OUTSIDE for h in hidden), parameters)
-
-
 @pytest.mark.parametrize(
     ("found", "hidden", "outcome"),
     [
@@ -167,73 +164,47 @@ def answer(*hidden: str, **parameters: float) -> seal.Answer:
     ],
 )
 def test_scores(found, hidden, outcome):
-    assert seal.score(found, answer(*hidden))["outcome"] == outcome
-
-
-def explored(end="", **causes: float) -> dict:
-    return {"rounds": [{"causes": {}, "end": ""}, {"causes": causes, "end": end}]}
-
-
-@pytest.mark.parametrize(
-    ("found", "hidden", "outcome"),
-    [
-        (explored("tilt at 97 %", tilt=0.97, payload=0.01), ("tilt",), "right"),
-        (explored("tilt at 97 %", tilt=0.97, payload=0.01), ("payload",), "wrong"),
-        (explored("none", tilt=0.01), (), "right"),
-        (explored("none", tilt=0.01), ("tilt",), "missed"),
-        (explored("tilt at 97 %", tilt=0.97), (), "false alarm"),
-        (explored(tilt=0.6, payload=0.4), ("tilt",), "open"),
-        (explored("6 asked; open: what no set of the vocabulary explains", tilt=0.01), ("depth_rate_drag",), "right"),
-        (explored("tilt at 97 %", tilt=0.97), ("depth_rate_drag",), "wrong"),
-    ],
-)
-def test_scores_of_an_exploration(found, hidden, outcome):
-    told = seal.score_explored(found, answer(*hidden))
-    assert told["explore outcome"] == outcome and told["explore rounds"] == 2
+    assert game.score(found, hidden, {})["outcome"] == outcome
 
 
 def test_score_of_parameters():
     cause = {"mechanism": "tilt", "parameters": {"dg": {"value": 0.21, "low": 0.18, "high": 0.24, "unit": "m/s^2"}}}
-    told = seal.score(diagnosis(named=["tilt"], causes=[cause]), answer("tilt", dg=0.2))
+    found = diagnosis(named=["tilt"], causes=[cause])
+    told = game.score(found, ("tilt",), {"dg": 0.2})
     assert told["error of dg"] == pytest.approx(0.01)
     assert told["interval of dg covers"] is True
     cause["parameters"]["dg"]["high"] = cause["parameters"]["dg"]["low"] + 0.01
-    assert (
-        seal.score(diagnosis(named=["tilt"], causes=[cause]), answer("tilt", dg=0.2))["interval of dg covers"] is False
-    )
+    assert game.score(found, ("tilt",), {"dg": 0.2})["interval of dg covers"] is False
+    assert "error of dg" not in game.score(found, ("payload",), {"dg": 0.2})
 
 
-def test_the_game_on_disk(tmp_path, monkeypatch):
-    """The campaign is valid and holds no truth; the answer opens, is scored, and a changed one is refused."""
-    drawn = blind.draw
-    monkeypatch.setattr(seal, "draw", lambda a, ground: shorter(drawn(a, ground=ground, hidden=("payload",)), 8))
+def test_the_game_on_disk(tmp_path, monkeypatch, capsys):
+    """The campaign is valid and holds no truth, its model is what was drawn; the answer opens and is scored."""
+    drawn = blind.draw(rng(), hidden=("payload",), strength=0.5)
+    monkeypatch.setattr(game, "draw", lambda a, ground: shorter(drawn, 8))
     out = tmp_path / "game"
-    seal.write_blind(out, seed=5)
+    assert main(["synth", "blind", str(out), "--seed", "5"]) == 0
+    assert "experiments: 3 done" in capsys.readouterr().err
     campaign = open_campaign(out)
     assert len(campaign.experiments) == 3
-    assert campaign.experiments[0].sections["model"].terms
+    section = campaign.experiments[0].sections["model"]
+    assert list(section.terms) == drawn.protocol.model["terms"] and "payload" not in section.terms
+    assert section.fit["alpha"] == (0.0, 300.0)
     assert not list(out.rglob("*truth*"))
-    sealed = seal.sealed_file(out)
-    assert sealed.parent == tmp_path and "payload" not in sealed.read_text()
-    told = seal.reveal(out)
+    sealed = game.sealed_file(out)
+    assert sealed.parent == tmp_path and b"payload" not in sealed.read_bytes()
+    told = game.reveal(out)
     assert told["hidden"] == "payload" and "no " in told["outcome"]
+    assert told["true dm"] == pytest.approx(drawn.parameters["dm"], rel=1e-4) and told["strength (0-1)"] == "0.50"
     results = tmp_path / "results" / "game"
     results.mkdir(parents=True)
     (results / "diagnosis.json").write_text(json.dumps(diagnosis(named=["payload"])))
-    assert seal.reveal(out)["outcome"] == "right"
-    (results / "explore.json").write_text(json.dumps(explored("payload at 99 %", payload=0.99)))
-    both = seal.reveal(out)
-    assert (both["outcome"], both["explore outcome"]) == ("right", "right")
-    (results / "diagnosis.json").unlink()
-    alone = seal.reveal(out)
-    assert alone["explore outcome"] == "right" and "outcome" not in alone
+    assert game.reveal(out)["outcome"] == "right"
+    assert main(["synth", "reveal", str(out)]) == 0
+    assert "right" in capsys.readouterr().out
     with pytest.raises(InputError, match="exists"):
-        seal.write_blind(out, seed=5)
+        game.write_blind(out, seed=5)
     with pytest.raises(InputError, match="unknown ground"):
-        seal.write_blind(tmp_path / "other", seed=5, ground="ice")
-    packed = json.loads(sealed.read_text())
-    sealed.write_text(json.dumps(packed | {"sha256": "0" * 64}))
-    with pytest.raises(InputError, match="does not match its hash"):
-        seal.reveal(out)
+        game.write_blind(tmp_path / "other", seed=5, ground="ice")
     with pytest.raises(InputError, match="no sealed answer"):
-        seal.reveal(tmp_path / "elsewhere")
+        game.reveal(tmp_path / "elsewhere")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,63 +13,44 @@ import pytest
 from scipy.stats import ncx2
 
 from jumpvision.base.schema import InputError
-from jumpvision.cli import main
 from jumpvision.experiment.inputs.experiment import open_campaign, open_experiment
 from jumpvision.films.frames.opening import open_frames
 from jumpvision.laboratory import write
-from jumpvision.laboratory.campaign import carry_out, write_campaign
-from jumpvision.laboratory.films.optics import Lens, seen_places
+from jumpvision.laboratory.campaign import write_campaign
+from jumpvision.laboratory.films.optics import Camera, Lens, seen_places
 from jumpvision.laboratory.films.rod import balls, rod_film
-from jumpvision.laboratory.protocol import protocol_of, read_protocol
+from jumpvision.laboratory.jumper import Motor
+from jumpvision.laboratory.protocol import ContactLog, MotorLog, Protocol, Records, RodFilm, RodTrack, jumps_of
+from jumpvision.laboratory.samples import SAND_ROBOT
 
-SMALL = """
-ground = "granular"
-duration = 0.8
-[robot]
-motor_mass = 1.125
-rod_mass = 0.175
-foot_mass = 0.04
-spring_stiffness = 3300.0
-spring_damping = 1.2
-[robot.sigma]
-spring_stiffness = 20.0
-[truth]
-terms = ["two_resistance", "inertial_drag", "payload"]
-k1 = [[0.57, 2000.0], [0.60, 4400.0]]
-k2 = 2000.0
-delta = 0.012
-alpha = 70.0
-dm = 0.05
-[truth.scatter]
-k1 = 0.01
-volume_fraction = 0.001
-[[jumps]]
-kind = "single"
-frequency = "7:9:2"
-volume_fraction = [0.57, 0.59]
-[[jumps]]
-kind = "delayed_stutter"
-frequency = 7.0
-delay = 0.1
-trials = 2
-[record.rod_track]
-noise = 1e-4
-rho = 0.3
-[record.motor_log]
-[record.contact_log]
-[model]
-terms = ["two_resistance", "inertial_drag"]
-k1 = 2000.0
-k2 = 2000.0
-delta = 0.012
-alpha = 60.0
-[model.fit]
-alpha = [0.0, 300.0]
-"""
-
-
-def table(text: str = SMALL, **changes) -> dict:
-    return tomllib.loads(text) | changes
+MECHANISMS = ("two_resistance", "inertial_drag")
+BED = {"k1": 2000.0, "k2": 2000.0, "delta": 0.012, "alpha": 60.0}
+SMALL = Protocol(
+    SAND_ROBOT,
+    jumps_of("single", [7.0, 9.0], volume_fraction=[0.57, 0.59])
+    + jumps_of("delayed_stutter", [7.0], delay=[0.1], trials=2),
+    Records(rod_track=RodTrack(noise=1e-4, rho=0.3), motor_log=MotorLog(), contact_log=ContactLog()),
+    terms=(*MECHANISMS, "payload"),
+    parameters={
+        "k1": lambda phi: 2000.0 + 80e3 * (phi - 0.57),
+        "k2": 2000.0,
+        "delta": 0.012,
+        "alpha": 70.0,
+        "dm": 0.05,
+    },
+    scatter={"k1": 0.01, "volume_fraction": 0.001},
+    duration=0.8,
+    model={
+        "terms": MECHANISMS,
+        "k1": 2000.0,
+        "k2": 2000.0,
+        "delta": 0.012,
+        "alpha": 60.0,
+        "fit": {"alpha": [0.0, 300.0]},
+    },
+    robot_sigma={"spring_stiffness": 20.0},
+)
+FEW = replace(SMALL, jumps=jumps_of("single", [8.0]), model={})
 
 
 def digest(folder: Path) -> dict[str, str]:
@@ -79,15 +60,14 @@ def digest(folder: Path) -> dict[str, str]:
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory) -> Path:
-    root = tmp_path_factory.mktemp("campaign")
-    (root / "small.toml").write_text(SMALL)
-    assert write_campaign(root / "small.toml", root / "out", seed=3) == 6
-    return root
+    out = tmp_path_factory.mktemp("campaign") / "out"
+    write_campaign(out, SMALL, seed=3)
+    return out
 
 
 # ------------------------------------------------------------------------------------------------------------ protocols
 def test_a_campaign_is_valid_and_its_model_is_not_its_truth(made):
-    campaign = open_campaign(made / "out")
+    campaign = open_campaign(made)
     names = [e.name for e in campaign.experiments]
     assert names == sorted([f"single-{f}Hz-phi{p}-1" for f in (7, 9) for p in (0.57, 0.59)]
                            + ["delayed_stutter-7Hz-1", "delayed_stutter-7Hz-2"])  # fmt: skip
@@ -97,92 +77,47 @@ def test_a_campaign_is_valid_and_its_model_is_not_its_truth(made):
     assert e.sections["robot"].motor_mass == 1.125 and e.sections["robot"].sigma.spring_stiffness == 20.0
     assert "payload" not in e.sections["model"].terms and e.sections["model"].fit["alpha"] == (0.0, 300.0)
     assert {"rod_track", "motor_log", "contact_log"} <= set(e.sections)
-    true = json.loads((made / "out" / "truth.json").read_text())
+    true = json.loads((made / "truth.json").read_text())
     assert true["terms"] == ["two_resistance", "inertial_drag", "payload"]
-    phi = [true["experiments"][f"single-7Hz-phi{p}-1"]["volume_fraction"] for p in (0.57, 0.59)]
-    assert phi == pytest.approx([0.57, 0.59], rel=0.004) and phi[0] != 0.57  # 4 sigma
+    assert true["parameters"] == {"k2": 2000.0, "delta": 0.012, "alpha": 70.0, "dm": 0.05}
     for p, k1 in ((0.57, 2000.0), (0.59, 3600.0)):  # 80 kN/m per unit of phi; 4 sigma of both scatters
-        found = true["experiments"][f"single-7Hz-phi{p}-1"]["parameters"]["k1"]
-        assert found == pytest.approx(k1, abs=4 * (0.01 * k1 + 80e3 * 0.001 * p))
-    assert e.sections["bed"].volume_fraction == pytest.approx(true["experiments"][e.name]["volume_fraction"], abs=1e-6)
+        name = f"single-7Hz-phi{p}-1"
+        true = json.loads((made / name / "truth.json").read_text())
+        assert true["volume_fraction"] == pytest.approx(p, rel=0.004) and true["volume_fraction"] != p  # 4 sigma
+        assert true["parameters"]["k1"] == pytest.approx(k1, abs=4 * (0.01 * k1 + 80e3 * 0.001 * p))
+        assert campaign[name].sections["bed"].volume_fraction == pytest.approx(true["volume_fraction"], abs=1e-6)
 
 
-@pytest.mark.long
-def test_the_same_seed_gives_the_same_files_however_many_workers(made, tmp_path):
-    write_campaign(made / "small.toml", tmp_path / "out", seed=3, workers=2)
-    assert digest(tmp_path / "out") == digest(made / "out")
-    write_campaign(made / "small.toml", tmp_path / "other", seed=4)
+def test_the_same_seed_gives_the_same_files_and_nothing_is_written_over(made, tmp_path):
+    for name, seed in (("again", 3), ("other", 4)):
+        write_campaign(tmp_path / name, replace(SMALL, jumps=SMALL.jumps[:1]), seed=seed)
+    whole, again, other = digest(made), digest(tmp_path / "again"), digest(tmp_path / "other")
     name = "single-7Hz-phi0.57-1/rod_track.csv"
-    assert digest(tmp_path / "other")[name] != digest(made / "out")[name]
+    assert again.items() <= whole.items() and other[name] != whole[name]
+    with pytest.raises(InputError, match="exists"):
+        write_campaign(made, SMALL, seed=3)
+    assert digest(made) == whole
 
 
-def test_a_campaign_is_taken_up_or_refused(made, tmp_path):
-    import shutil
-
-    out = tmp_path / "out"
-    shutil.copytree(made / "out", out)
-    with pytest.raises(InputError, match="finished already"):
-        write_campaign(made / "small.toml", out, seed=3)
-    (out / "truth.json").unlink()
-    shutil.rmtree(out / "single-7Hz-phi0.57-1")
-    (out / ".single-7Hz-phi0.57-1.part").mkdir()  # what an interruption leaves
-    with pytest.raises(InputError, match="not this campaign"):
-        write_campaign(made / "small.toml", out, seed=4)
-    assert write_campaign(made / "small.toml", out, seed=3) == 1
-    assert digest(out) == digest(made / "out")
-    (tmp_path / "mine").mkdir()
-    with pytest.raises(InputError, match="not this campaign"):
-        write_campaign(made / "small.toml", tmp_path / "mine", seed=3)
-
-
-def test_every_problem_of_a_protocol_is_named(tmp_path):
-    bad = table(ground="granularr", camera={"bits": 10}, record={"rod_trak": {}, "rod_film": {"rate": -1}})
-    bad["truth"] |= {"terms": ["two_resistance", "aded_mass", "tilt"], "alpa": 3.0, "k1": [[0.6, 1.0], [0.5, 2.0]],
-                     "scatter": {"k9": 0.1, "k2": 2.0}}  # fmt: skip
-    bad["jumps"] = [{"kind": "delayed_stutter", "frequency": 7}, {"kind": "jump", "frequency": -1}]
-    with pytest.raises(InputError) as e:
-        protocol_of(bad, "p.toml")
-    for part in (
-        "ground = 'granularr'", "[camera] bits = 10", "[record.rod_trak]", "[record.rod_film] rate = -1", "'aded_mass'",
-        "dg: missing", "alpa: unknown parameter", "k1 = [[0.6, 1.0], [0.5, 2.0]]", "scatter] k9", "scatter] k2 = 2.0",
-        "number 1: delay", "number 2: kind = 'jump'", "number 2: frequency",
-    ):  # fmt: skip
-        assert part in str(e.value), part
-    with pytest.raises(InputError, match="made twice"):
-        protocol_of(table(jumps=[{"kind": "single", "frequency": 7}] * 2), "p.toml")
-    with pytest.raises(InputError, match="record longer"):
-        protocol_of(table(duration=0.2), "p.toml")
-    with pytest.raises(InputError, match="nothing is recorded"):
-        protocol_of(table(record={}), "p.toml")
-    with pytest.raises(InputError, match=r"\[\[jumps\]\]: missing"):
-        protocol_of(table(jumps=[]), "p.toml")
-    with pytest.raises(InputError, match="needs ground = 'granular'"):
-        protocol_of(table(ground="hard", record={"bed_image": {}}), "p.toml")
-    light = table()
-    del light["robot"]["foot_mass"]
-    with pytest.raises(InputError, match="foot_mass = 0"):
-        protocol_of(light, "p.toml")
-    lag = table(motor={"kp": 2e4}, truth=table()["truth"] | {"terms": ["two_resistance", "motor_lag"], "tau": 0.01})
-    with pytest.raises(InputError, match="'motor_lag' beside"):
-        protocol_of(lag, "p.toml")
-    (tmp_path / "p.toml").write_text("a = ")
-    with pytest.raises(InputError, match="not valid TOML"):
-        read_protocol(tmp_path / "p.toml")
-
-
-def test_command(tmp_path, capsys):
-    (tmp_path / "p.toml").write_text(SMALL.replace('"7:9:2"', "8.0").replace("[0.57, 0.59]", "0.57"))
-    assert main(["synth", str(tmp_path / "p.toml"), str(tmp_path / "out"), "--workers", "1"]) == 0
-    assert "experiments: 3 done" in capsys.readouterr().err
-    assert main(["synth", str(tmp_path / "p.toml"), str(tmp_path / "out")]) == 2
-    assert main(["check", str(tmp_path / "out")]) == 0
+def test_what_cannot_be_made_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="record longer"):
+        replace(SMALL, duration=0.2)
+    with pytest.raises(ValueError, match="8, 12 or 16"):
+        Camera(bits=10)
+    light, lag = SAND_ROBOT._replace(foot_mass=0.0), {**FEW.parameters, "tau": 0.01}
+    for wrong, words in (
+        (replace(FEW, terms=("two_resistance", "aded_mass")), "unknown mechanism 'aded_mass'"),
+        (replace(FEW, terms=("two_resistance", "tilt")), "'tilt' needs dg"),
+        (replace(FEW, robot=light), "foot_mass = 0"),
+        (replace(FEW, motor=Motor(2e4, 0.0), terms=("two_resistance", "motor_lag"), parameters=lag), "motor_lag"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            write_campaign(tmp_path / words, wrong, seed=1)
 
 
 def test_motor_loop_and_still_motor(tmp_path):
-    text = SMALL.replace("[truth]", "[motor]\nkp = 20000.0\nkd = 120.0\n[truth]", 1)
-    text += '[[jumps]]\nkind = "none"\n'
-    (tmp_path / "p.toml").write_text(text.replace('"7:9:2"', "8.0").replace("[0.57, 0.59]", "0.57"))
-    write_campaign(tmp_path / "p.toml", tmp_path / "out", seed=1)
+    both = FEW.jumps + jumps_of("none", [1.0])
+    write_campaign(tmp_path / "out", replace(SMALL, jumps=both, motor=Motor(20000.0, 120.0)), seed=1)
     e = open_experiment(tmp_path / "out" / "single-8Hz-1")
     assert e.sections["motor"].kp == 20000.0
     log = np.loadtxt(tmp_path / "out" / "single-8Hz-1" / "motor.csv", delimiter=",", skiprows=1)
@@ -195,12 +130,9 @@ def test_motor_loop_and_still_motor(tmp_path):
 
 
 # -------------------------------------------------------------------------------------------------- films of all kinds
-def filmed(tmp_path: Path, camera: str = "", film: str = "", name: str = "film") -> tuple[Path, dict]:
-    text = SMALL[: SMALL.index("[[jumps]]")] + '[[jumps]]\nkind = "single"\nfrequency = 8.0\n'
-    text += f"[record.rod_film]\n{film}\n[camera]\n{camera}\n[model]\nterms = []\n"
-    (tmp_path / f"{name}.toml").write_text(text)
-    write_campaign(tmp_path / f"{name}.toml", tmp_path / name, seed=7)
-    folder = tmp_path / name / "single-8Hz-1"
+def filmed(tmp_path: Path, camera: Camera, file: str = "rod.avi") -> tuple[Path, dict]:
+    write_campaign(tmp_path / "film", replace(FEW, records=Records(rod_film=RodFilm(file)), camera=camera), seed=7)
+    folder = tmp_path / "film" / "single-8Hz-1"
     return folder, json.loads((folder / "truth.json").read_text())
 
 
@@ -241,8 +173,8 @@ def test_unwritable_films_are_refused(tmp_path):
 
 
 def test_dropped_frames_clock_and_scale_of_a_protocol(tmp_path):
-    camera = "dropped = 0.1\nclock_offset = 0.004\nclock_drift = 0.002\nscale_error = 0.01\nbits = 12"
-    folder, true = filmed(tmp_path, camera, 'file = "rod.mkv"')
+    camera = Camera(dropped=0.1, clock_offset=0.004, clock_drift=0.002, scale_error=0.01, bits=12)
+    folder, true = filmed(tmp_path, camera, "rod.mkv")
     images, film = stack(folder)
     t = np.array(true["film"]["time_s"])
     assert 0.03 < 1 - len(t) / 159 < 0.2  # 159 frames: 0.1 +- 4 sqrt(0.09/159)
@@ -285,7 +217,7 @@ def test_a_lens_shows_the_ball_where_its_formula_says():
 
 
 def test_a_calibrated_lens_is_declared(tmp_path):
-    folder, _ = filmed(tmp_path, "k1 = 1e-6\nk2 = 1e-12\ncalibrated = true")
+    folder, _ = filmed(tmp_path, Camera(k1=1e-6, k2=1e-12, calibrated=True))
     section = open_experiment(folder).sections["calibration"]
     assert (section.k1, section.k2, section.centre) == (1e-6, 1e-12, ())  # by default the middle of each picture
 
@@ -317,15 +249,14 @@ def test_noise_of_deeper_pixels(bits, step):
     assert (image * step).var() == pytest.approx(90 / 45 + 0.25 + step**2 / 12, rel=0.02)
 
 
-def test_the_example_of_the_documentation(tmp_path):
+def test_the_examples_of_the_documentation(tmp_path, monkeypatch):
+    """Each runs as it stands, after those before it; the first writes its campaign."""
     page = (Path(__file__).parents[1] / "docs" / "laboratory.md").read_text(encoding="utf-8")
-    text = page.split("```toml\n")[1].split("```")[0]
-    (tmp_path / "example.toml").write_text(text)
-    protocol = read_protocol(tmp_path / "example.toml")
-    assert len(protocol.jumps) == 5
-    carry_out([(protocol, j) for j in protocol.jumps[::4]], tmp_path, seed=1, workers=1)
-    for jump in protocol.jumps[::4]:
-        e = open_experiment(tmp_path / jump.name)
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    for code in page.split("```python\n")[1:]:
+        exec(code.split("```")[0], names)
+    campaign = open_campaign(tmp_path / "my_campaign")
+    assert len(campaign.experiments) == 3
+    for e in campaign.experiments:
         assert {"rod_video", "rod_track", "motor_log", "contact_log", "bed_image"} <= set(e.sections)
-    code = page.split("```python\n")[1].split("```")[0]
-    exec(code, {})

@@ -18,37 +18,27 @@ from jumpvision.experiment.results.tables import RodMotion
 from jumpvision.experiment.stages.modelled import modelled
 from jumpvision.experiment.stages.preflight import made_now, preflight
 from jumpvision.laboratory.campaign import write_campaign
+from jumpvision.laboratory.protocol import MotorLog, Protocol, Records, RodTrack, jumps_of
+from jumpvision.laboratory.samples import SAND_ROBOT
 
-JUMP = """
-name = "a world"
-ground = "{ground}"
-duration = 0.9
-start = 0.2
-[robot]
-motor_mass = 1.125
-rod_mass = 0.175
-foot_mass = 0.04
-spring_stiffness = 3300.0
-spring_damping = 1.2
-{terms}
-[[jumps]]
-kind = "{kind}"
-frequency = 7.5
-amplitude = 0.016
-[record]
-rod_track = {{ rate = 500.0, noise = 3e-5, family = "t3" }}
-motor_log = {{}}
-"""
-SAND = "terms = ['two_resistance', 'inertial_drag']\nk1 = 2400.0\nk2 = 1800.0\ndelta = 0.012\nalpha = 60.0\n"
+TERMS = ("two_resistance", "inertial_drag")
+VALUES = {"k1": 2400.0, "k2": 1800.0, "delta": 0.012, "alpha": 60.0}
 
 
 @pytest.fixture(scope="module", params=["single", "stutter"])
 def sand(tmp_path_factory, request):
-    place = tmp_path_factory.mktemp("sand")
-    world = JUMP.format(ground="granular", kind=request.param, terms=f"[truth]\n{SAND}[model]\n{SAND}")
-    (place / "protocol.toml").write_text(world)
-    write_campaign(place / "protocol.toml", place / "c", seed=3)
-    return place / "c"
+    world = Protocol(
+        SAND_ROBOT,
+        jumps_of(request.param, [7.5], [0.016]),
+        Records(rod_track=RodTrack(500.0, 3e-5, family="t3"), motor_log=MotorLog()),
+        terms=TERMS,
+        parameters=VALUES,
+        duration=0.9,
+        model={"terms": TERMS, **VALUES},
+    )
+    place = tmp_path_factory.mktemp("sand") / "c"
+    write_campaign(place, world, seed=3)
+    return place
 
 
 def edited(campaign, place, section, key, factor):

@@ -19,8 +19,8 @@ from jumpvision.laboratory import recordings as logs
 from jumpvision.laboratory import recordings as track_noise
 from jumpvision.laboratory.campaign import write_campaign
 from jumpvision.laboratory.jumper import Motion, truth_of
-from jumpvision.laboratory.protocol import protocol_of
-from jumpvision.laboratory.protocol_keys import Records, RodTrack
+from jumpvision.laboratory.protocol import Protocol, Records, RodTrack, jumps_of
+from jumpvision.laboratory.samples import HARD_ROBOT
 
 N, TRACKS, NOISE = 400, 250, 2e-4  # samples of a track, tracks, m
 
@@ -143,16 +143,10 @@ def test_scale_and_clock_of_a_track_are_wrong_as_declared():
     np.testing.assert_allclose(seen["height_m"][:-2], 1.01 * 0.3 * (t + 2e-3 + 1e-3 * t), atol=1e-12)
 
 
-def test_the_keys_of_a_protocol_are_checked():
-    table = {
-        "robot": {"motor_mass": 1.0, "rod_mass": 0.2, "spring_stiffness": 5000.0}, "ground": "hard",
-        "jumps": [{"kind": "single", "frequency": 9.0}], "record": {"rod_track": {"family": "t3", "ratio": 5.0}},
-    }  # fmt: skip
-    assert protocol_of(table, "x").records.rod_track.family == "t3"
-    with pytest.raises(ValueError, match="one of 'white', 't3', 'outliers'"):
-        protocol_of(table | {"record": {"rod_track": {"family": "cauchy"}}}, "x")
-    with pytest.raises(ValueError, match="ratio"):
-        protocol_of(table | {"record": {"rod_track": {"ratio": 0.2}}}, "x")
+def test_impossible_noise_is_refused():
+    for wrong in ({"family": "cauchy"}, {"ratio": 0.2}, {"rho": 1.0}):
+        with pytest.raises(ValueError, match="family of white, t3, outliers"):
+            RodTrack(**wrong)
 
 
 # ------------------------------------------------------------------------------------------------------------ campaigns
@@ -192,13 +186,11 @@ def test_a_campaign_tells_the_truth_of_its_noise():
 
 def test_a_written_campaign_tells_the_truth_of_its_noise(tmp_path):
     """truth.json holds the track's own spread, outliers and wander; the table has no sigma_m where none is stated."""
-    file, out = tmp_path / "p.toml", tmp_path / "out"
-    file.write_text(
-        "ground = 'hard'\nduration = 0.6\n[robot]\nmotor_mass = 1.0\nrod_mass = 0.2\nspring_stiffness = 5000.0\n"
-        "[[jumps]]\nkind = 'single'\nfrequency = 9.0\namplitude = 0.004\n"
-        "[record.rod_track]\nfamily = 'outliers'\ndrift = 5e-5\nratio = 5.0\nstated = false\n"
-    )
-    write_campaign(file, out, seed=3)
+    out = tmp_path / "out"
+    robot = HARD_ROBOT._replace(motor_mass=1.0, rod_mass=0.2, spring_stiffness=5000.0, spring_damping=0.0, gravity=9.81)
+    track = RodTrack(family="outliers", drift=5e-5, ratio=5.0, stated=False)
+    jump = jumps_of("single", [9.0], [0.004])
+    write_campaign(out, Protocol(robot, jump, Records(rod_track=track), ground="hard", duration=0.6), seed=3)
     (folder,) = (f for f in out.iterdir() if f.is_dir())
     true = json.loads((folder / "truth.json").read_text())["track"]
     lines = (folder / "rod_track.csv").read_text().splitlines()

@@ -29,7 +29,9 @@ from jumpvision.jumper.physics.model import fitted_drag, fitted_parameter, force
 from jumpvision.jumper.physics.packing import Laws, PackingLaw, fit_packing_law
 from jumpvision.jumper.physics.sand.jump import simulate
 from jumpvision.laboratory import samples
+from jumpvision.laboratory.campaign import write_campaign
 from jumpvision.laboratory.jumper import Law, motion_of
+from jumpvision.laboratory.protocol import BedImage, Protocol, Records, RodTrack, jumps_of
 from jumpvision.thesis.figures.sweeps import picture
 from jumpvision.thesis.studies.axes import EXAMPLE, read_laws
 from jumpvision.thesis.studies.compute import write
@@ -129,53 +131,29 @@ def test_a_law_reaches_beyond_its_ends_by_what_a_volume_fraction_is_uncertain_by
     assert "2e-05 beyond 0.57002 to 0.63004, where the laws of k1" in laws.continued(0.57) and not laws.continued(0.6)
 
 
-MEASURED_BEDS = """
-name = "Jumps on beds of which pictures are taken"
-ground = "granular"
-duration = 0.7
-[robot]
-motor_mass = 1.125
-rod_mass = 0.175
-foot_mass = 0.04
-spring_stiffness = 3300.0
-spring_damping = 1.2
-foot_radius = 0.0381
-gravity = 9.81
-[truth]
-terms = ["two_resistance", "depth_drag", "added_mass"]
-k1 = [[0.57, 2100.0], [0.63, 4500.0]]
-k2 = 2100.0
-delta = 0.015
-C = 2.7
-mu = 2.0
-theta = 1.0471975512
-b = [[0.57, 17.2], [0.63, 40.0]]
-[[jumps]]
-kind = "single"
-frequency = [8.0, 10.0]
-amplitude = 0.01875
-volume_fraction = [0.57, 0.60]
-[record]
-rod_track = { noise = 5e-5 }
-bed_image = {}
-[model]
-terms = ["two_resistance", "depth_drag", "added_mass"]
-k1 = 2100.0
-k2 = 2100.0
-delta = 0.015
-C = 2.7
-mu = 2.0
-b = 20.0
-"""
+def line(low, high):
+    """A parameter that grows from low at phi 0.57 to high at 0.63."""
+    return lambda phi: low + (high - low) * (phi - 0.57) / 0.06
+
+
+MEASURED_BEDS = Protocol(
+    samples.SAND_ROBOT,
+    jumps_of("single", [8.0, 10.0], volume_fraction=[0.57, 0.60]),
+    Records(rod_track=RodTrack(), bed_image=BedImage()),
+    terms=samples.SAND_TERMS,
+    parameters=samples.SAND_TRUTH
+    | {"k1": line(2100.0, 4500.0), "k2": 2100.0, "delta": 0.015, "b": line(17.2, 40.0), "theta": 1.0471975512},
+    duration=0.7,
+    model={"terms": samples.SAND_TERMS, "k1": 2100.0, "k2": 2100.0, "delta": 0.015, "C": 2.7, "mu": 2.0, "b": 20.0},
+)
 
 
 @pytest.mark.long
 def test_the_drag_is_fitted_to_jumps_on_beds_of_measured_packing_and_an_override_says_so(tmp_path, capsys):
     """The laws begin where the loosest bed was seen; sigma of phi 2e-4 moves k1 by 8 N/m, b by some 0.1."""
-    (tmp_path / "jumps.toml").write_text(MEASURED_BEDS)
     (tmp_path / "laws.toml").write_text("k1 = {phi = [0.5702, 0.63], value = [2108.0, 4500.0]}")
     folder = str(tmp_path / "jumps")
-    assert main(["synth", str(tmp_path / "jumps.toml"), folder, "--workers", "1"]) == 0
+    write_campaign(tmp_path / "jumps", MEASURED_BEDS, seed=samples.SEED)
     call = ["sweep", "granular", "--analysis", "drag-fit", "--campaign", folder, "--workers", "1", "--no-pictures"]
     call += ["--laws", str(tmp_path / "laws.toml"), "--results"]
     capsys.readouterr()

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from jumpvision.laboratory.seal import Answer, seal
 
 from jumpvision.laboratory import write
-from jumpvision.laboratory.seal import Answer, seal
 
 from . import motion as mo
 from .motion import Array, Command, Jumper, Law, Motion

@@ -14,9 +14,7 @@ import numpy as np
 
 from benchmarks.diagnosis import jumps_of
 from jumpvision.laboratory.blind import EFFECTS, ONCE, Setting, campaign
-from jumpvision.laboratory.protocol import checked
-from jumpvision.laboratory.protocol_keys import JumpSweep
-from jumpvision.laboratory.protocol_keys import jumps_of as jumps_drawn
+from jumpvision.laboratory.protocol import jumps_of as jumps_drawn
 
 from .entries import Answer, Task
 from .worlds import Truth
@@ -46,12 +44,12 @@ def claims(answer: Answer, t: Truth, setting: Setting, seed: int) -> dict[str, A
 def _elsewhere(setting: Setting, rng: np.random.Generator) -> Any:
     """The same robot and bed at frequencies between the least and the greatest of each kind, and its recordings."""
     p = setting.protocol
-    sweeps = [
-        JumpSweep(kind, tuple(rng.uniform(min(f), max(f), len(f))), (p.jumps[0].law.amplitude,), delay=(delay,))
-        for kind, f, delay in ONCE[p.header.ground]
-    ]
-    jumps = jumps_drawn(sweeps, start=p.header.start, ground=p.header.ground, part="", first=0)
-    new = replace(setting, protocol=checked(replace(p, jumps=jumps), "the contest"))
+    jumps = tuple(
+        jump
+        for kind, f, delay in ONCE[p.ground]
+        for jump in jumps_drawn(kind, rng.uniform(min(f), max(f), len(f)), (p.jumps[0].law.amplitude,), delay=(delay,))
+    )
+    new = replace(setting, protocol=replace(p, jumps=jumps))
     return new, campaign(new, rng)
 
 
@@ -59,4 +57,4 @@ def _hiding(setting: Setting, mechanism: str, values: dict[str, float]) -> Setti
     """The setting with one mechanism more."""
     p = setting.protocol
     p = replace(p, terms=(*p.terms, mechanism), parameters={**values, **p.parameters} | values)
-    return replace(setting, protocol=checked(p, "the contest"))
+    return replace(setting, protocol=p)

@@ -14,7 +14,7 @@ from benchmarks.hidden_physics.worlds import Truth as Plain
 from benchmarks.hidden_physics.worlds import truth as plain_truth
 from jumpvision.engine.system import Circumstances
 from jumpvision.laboratory.blind import AMPLITUDE
-from jumpvision.laboratory.protocol_keys import Jump, JumpSweep, jumps_of
+from jumpvision.laboratory.protocol import Jump, jumps_of
 
 SEED = 50
 KINDS = (
@@ -120,14 +120,10 @@ def name_of(i: int) -> str:
 def conditions(ground: str, trials: int) -> list[Jump]:
     """The campaign's jumps before they are put into the order of the day."""
     full = AMPLITUDE[ground]
-    sweeps = [
-        JumpSweep(kind, f, tuple(round(full * a, 6) for a in amplitudes), delay=delays, trials=trials)
-        for kind, f, amplitudes, delays in LAYOUT[ground, trials]
-    ]
     return [
         j._replace(name=f"{k} {j.name}")
-        for k, s in enumerate(sweeps)
-        for j in jumps_of([s], start=START, ground=ground, part="", first=0)
+        for k, (kind, f, amplitudes, delays) in enumerate(LAYOUT[ground, trials])
+        for j in jumps_of(kind, f, [round(full * a, 6) for a in amplitudes], delay=delays, trials=trials, start=START)
     ]
 
 
@@ -191,7 +187,7 @@ def _campaign(rng: np.random.Generator, number: int, part: str, kind: str, groun
 def ordered(t: Truth) -> list[Jump]:
     """The jumps as declared by whoever makes no mistake, in the order in which they were made."""
     every = conditions(t.ground, t.trials)
-    return [every[k]._replace(number=i, name=name_of(i)) for i, k in enumerate(t.run_order)]
+    return [every[k]._replace(name=name_of(i)) for i, k in enumerate(t.run_order)]
 
 
 def _only(i: int, value: float = 1.0) -> tuple[float, ...]:

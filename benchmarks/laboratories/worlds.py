@@ -24,7 +24,7 @@ from jumpvision.jumper.question.jumps import Jump as Question
 from jumpvision.laboratory import recordings as logs
 from jumpvision.laboratory.blind import EFFECTS, Nuisance, Recorded, Setting, draw
 from jumpvision.laboratory.jumper import Law, Motion, Robot, Samples, motion_of
-from jumpvision.laboratory.protocol_keys import Jump, MotorLog, Records, RodTrack
+from jumpvision.laboratory.protocol import Jump, MotorLog, Records, RodTrack
 from jumpvision.laboratory.recordings import seen_rod
 
 from .truths import NOISE, Entry, Truth, name_of, ordered, plain
@@ -173,8 +173,8 @@ def moved(setting: Setting, s: Shot, step: tuple[float, int] = FINE, duration: f
     """The motion of a shot, for as long as it is filmed, or for this long [s]."""
     p = setting.protocol
     return motion_of(
-        s.robot, played(s.law, s.play, s.slack) if s.play else s.law, p.terms, s.parameters, ground=p.header.ground,
-        duration=min(p.header.duration, duration), bed_density=s.jump.volume_fraction * p.bed.grain_density,
+        s.robot, played(s.law, s.play, s.slack) if s.play else s.law, p.terms, s.parameters, ground=p.ground,
+        duration=min(p.duration, duration), bed_density=s.jump.volume_fraction * p.bed.grain_density,
         dt=step[0], every=step[1],
     )  # fmt: skip
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from jumpvision.experiment.campaign.diagnose import Question
     from jumpvision.experiment.campaign.explore.offers import Changes
     from jumpvision.experiment.campaign.explore.rounds import Rules
-
-SEED = 1  # of what the laboratory records, beside the number of the folder
 
 
 _rule = partial(option, group="When to stop, what it costs", negative="")
@@ -55,7 +53,6 @@ def explore(
     path: Path,
     /,
     *,
-    laboratory: bool = False,
     lift_off: str = "",
     before: Path | None = None,
     tell: tuple[str, ...] = (),
@@ -67,14 +64,12 @@ def explore(
     Writes explore.json, explore.png and explore.html among the results, and a folder for each experiment beside the
     others, with experiment.toml, protocol.toml and motor_command.csv (docs/experimenter.md).
 
-    Example: jumpvision explore mystery --laboratory
+    Example: jumpvision explore mystery
 
     Parameters
     ----------
     path
         A campaign with at least 4 jumps; with --before, the folder with its campaign.toml.
-    laboratory
-        Make the jumps in the virtual laboratory, for a campaign of synth or synth blind, until it ends.
     lift_off
         KIND:FREQUENCY, e.g. stutter:9: the smallest amplitude that lifts off hard ground, by bisection over trials.
     before
@@ -84,16 +79,16 @@ def explore(
     """
     from jumpvision.base.schema import InputError
 
-    given = replace(_rules(rules), tests=not laboratory)  # the laboratory records jumps
+    given = _rules(rules)
     if before is not None:
         return _planned(path, before, tell, options)
     if tell:
         raise InputError(["explore --tell: goes with --before PROTOCOL"])
-    while True:
-        open_work = _lift_off(path, lift_off, options) if lift_off else _round(path, given, options)
-        if not laboratory or not open_work:
-            return DONE
-        _perform(path, open_work)
+    if lift_off:
+        _lift_off(path, lift_off, options)
+    else:
+        _round(path, given, options)
+    return DONE
 
 
 def _rules(given: RuleOptions) -> Rules:
@@ -199,22 +194,6 @@ def _lift_off(path: Path, asked_for: str, options: Options) -> list[Path]:
     terminal.result({**rows[0], "next_m": found.next}, rows, as_json=options.json)
     terminal.line(f"written: {results / FILE}" + (f"; record {made}, then run the same command again" if made else ""))
     return [*waiting, *([made] if made else [])]
-
-
-def _perform(path: Path, folders: list[Path]) -> None:
-    """The recordings of prepared folders, by the virtual laboratory."""
-    from jumpvision.experiment.inputs.experiment import folder_of
-    from jumpvision.experiment.inputs.model import tables_of
-    from jumpvision.laboratory.seal import record_jump
-
-    from . import terminal
-
-    campaign = folder_of(path)
-    for folder in folders:
-        motion = tables_of(folder / "protocol.toml")["actuation"]
-        number = 10_000 + len([f for f in campaign.iterdir() if f.is_dir()])
-        made = record_jump(campaign, folder, motion, seed=SEED, number=number)
-        terminal.line(f"{folder.name}: recorded by the laboratory: {', '.join(made)}")
 
 
 def _planned(path: Path, before: Path, tell: tuple[str, ...], options: Options) -> int:

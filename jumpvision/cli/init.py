@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from .app import DONE, app, cores, option
+from .app import DONE, app, option
 
 if TYPE_CHECKING:
     from jumpvision.experiment.init.measure import Picks
@@ -131,9 +131,7 @@ def _picks(eye: Eye) -> dict[str, Picks]:
 
 
 @app.command
-def synth(
-    kind: str, out: Path, /, *, seed: int = 20140630, workers: int | None = None, ground: str = "granular"
-) -> int:
+def synth(kind: str, out: Path, /, *, seed: int = 20140630, ground: str = "granular") -> int:
     """Virtual laboratory: write experiment folders whose truth is known (truth.json), or play the hidden-effect game.
 
     Example: jumpvision synth samples my_samples
@@ -141,43 +139,34 @@ def synth(
     Parameters
     ----------
     kind
-        hard_ground, loose_sand, grain_films, samples (all three), intrusion, or a protocol.toml of your own; blind
-        writes a campaign with a hidden effect, reveal opens its answer and scores results/OUT/diagnosis.json and
-        explore.json.
+        hard_ground, loose_sand, grain_films, samples (all three), intrusion; blind writes a campaign with a hidden
+        effect, reveal tells it and scores results/OUT/diagnosis.json. Campaigns of your own: docs/laboratory.md.
     out
-        Folder to write into; what is there already is not overwritten (an interrupted protocol is taken up).
+        Folder to write into; what is there already is not overwritten.
     seed
-        Of the random numbers; the same seed gives the same recordings, however many workers.
-    workers
-        Processes of a protocol; default: the cores.
+        Of the random numbers; the same seed gives the same recordings.
     ground
         Of a blind campaign: hard or granular.
     """
     from . import terminal as show
 
     if kind == "reveal":
-        from jumpvision.laboratory.seal import reveal
+        from jumpvision.laboratory.game import reveal
 
         score = reveal(out)
         show.result(score, [{"what": k, "value": v} for k, v in score.items()], as_json=False)
         return DONE
     show.line(f"writing {kind} to {out} ...")
-    if kind.endswith(".toml") or kind == "blind":
+    if kind == "blind":
+        from jumpvision.laboratory.game import write_blind
+
         with show.progress():
-            if kind == "blind":
-                from jumpvision.laboratory.seal import write_blind
+            write_blind(out, seed=seed, ground=ground)
+        folders = [out]
+    else:
+        from jumpvision.laboratory.samples import write_samples
 
-                write_blind(out, seed=seed, ground=ground, workers=workers or cores())
-            else:
-                from jumpvision.laboratory.campaign import write_campaign
-                from jumpvision.laboratory.dem.motion import discs_under_foot
-
-                write_campaign(Path(kind), out, seed=seed, workers=workers or cores(), discs=discs_under_foot)
-        show.line(f"wrote {out}")
-        return DONE
-    from jumpvision.laboratory import samples
-
-    folders = samples.write_samples(kind, out, seed=seed)
+        folders = write_samples(kind, out, seed=seed)
     show.line(f"wrote {', '.join(str(f) for f in folders)}")
     return DONE
 

@@ -1,8 +1,7 @@
 """Hidden effects: a campaign whose declared model lacks, or does not lack, something that is drawn at random.
 
-The engine of the hidden-effect game and of tests of the diagnosis: `draw` a setting, `campaign` its tracks and motor
-logs as arrays. The nuisance is drawn too: noise, its correlation, rounding, and declared values that are wrong within
-their stated uncertainty or may be fitted again.
+`draw` a setting, `campaign` its tracks and motor logs as arrays. The nuisance is drawn too: noise, its correlation,
+rounding, and declared values that are wrong within their stated uncertainty or may be fitted again.
 """
 
 from __future__ import annotations
@@ -10,21 +9,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from jumpvision.base.arrays import Array
-from jumpvision.base.schema import InputError, read
 
 from . import recordings as logs
 from .campaign import jump_of
 from .jumper import OUTSIDE, STATIC, UNLOGGED, Robot
-from .protocol import Protocol, checked
-from .protocol_keys import BedValues, Header, Jump, JumpSweep, MotorLog, Records, RodTrack, jumps_of
+from .protocol import Jump, MotorLog, Protocol, Records, RodTrack, jumps_of
 from .recordings import Errors
-from .write import Table
 
 DT, EVERY = 1e-5, 50  # s: rod within 0.01 mm of dt = 1e-6, a fifth of the smallest noise (tests/test_lab_blind.py)
 EITHER = True  # of both signs
@@ -76,14 +71,9 @@ EFFECTS = {
     "rail_drag_by_height": Effect(_BOTH, {"c_x": Drawn(0.6, 60.0)}),
     "depth_rate_drag": Effect(_SAND, {"d_zv": Drawn(50.0, 3000.0)}),
 }
-_ROD = {"foot_radius": 0.0381, "rod_mass": 0.175}
 ROBOTS = {
-    "granular": Robot(
-        motor_mass=1.125, foot_mass=0.04, spring_stiffness=3300.0, spring_damping=1.2, gravity=9.81, **_ROD
-    ),
-    "hard": Robot(
-        motor_mass=1.003, foot_mass=0.0, spring_stiffness=5760.6, spring_damping=1.368, gravity=2.70756, **_ROD
-    ),
+    "granular": Robot(1.125, 0.175, 0.04, 3300.0, 1.2, 0.0381, 9.81),
+    "hard": Robot(1.003, 0.175, 0.0, 5760.6, 1.368, 0.0381, 2.70756),
 }
 Sweeps = tuple[tuple[str, tuple[float, ...], float], ...]  # kind, frequencies [Hz], delay [s]
 REPEATED: dict[str, Sweeps] = {  # 12 conditions
@@ -116,7 +106,7 @@ AMPLITUDE = {"granular": 0.01875, "hard": 0.004}
 
 @dataclass(frozen=True)
 class Nuisance:
-    """Errors of the tracks, by the keys of [record.rod_track]; noise [m], rho, step [m]: None to draw them."""
+    """Errors of the tracks, as RodTrack has them; noise [m], rho, step [m]: None to draw them."""
 
     noise: float | None = None
     rho: float | None = None
@@ -131,11 +121,7 @@ class Nuisance:
         noise = float(np.exp(rng.uniform(math.log(5e-5), math.log(5e-4)))) if self.noise is None else self.noise
         rho = float(rng.choice([0.0, rng.uniform(0.0, 0.7)])) if self.rho is None else self.rho
         step = float(rng.choice([0.0, 5e-5, 1e-4])) if self.step is None else self.step
-        given = asdict(replace(self, noise=noise, rho=rho, step=step))
-        track, problems = read(RodTrack, given, "the drawn setting: [record.rod_track]")
-        if problems:
-            raise InputError(problems)
-        return cast(RodTrack, track)
+        return RodTrack(**asdict(replace(self, noise=noise, rho=rho, step=step)))
 
 
 @dataclass(frozen=True)
@@ -156,14 +142,8 @@ class Setting:
     @property
     def nuisance(self) -> RodTrack:
         """The errors of the tracks."""
-        return track_of(self.protocol)
-
-
-def track_of(protocol: Protocol) -> RodTrack:
-    """[record.rod_track] of a protocol that has it."""
-    if protocol.records.rod_track is None:
-        raise ValueError(f"{protocol.file}: [record.rod_track]: missing; the hidden effect is looked for in tracks")
-    return protocol.records.rod_track
+        assert self.protocol.records.rod_track is not None
+        return self.protocol.records.rod_track
 
 
 @dataclass(frozen=True)
@@ -215,14 +195,14 @@ def draw(
     return Setting(effects, true, levels, _protocol(ground, effects, true, track, sweeps(ground, trials, jumps), rng))
 
 
-def sweeps(ground: str, trials: int = 1, jumps: str = "full") -> list[JumpSweep]:
-    """[[jumps]] of a campaign. jumps = "full": 24 different ones, or 12 that are made `trials` times each; "few": 4
+def sweeps(ground: str, trials: int = 1, jumps: str = "full") -> tuple[Jump, ...]:
+    """The jumps of a campaign. jumps = "full": 24 different ones, or 12 that are made `trials` times each; "few": 4
     different ones, or 2 that are made `trials` times each."""
     if trials < 1 or jumps not in ("full", "few"):
         raise ValueError(f"trials = {trials}, jumps = {jumps!r}: must be at least 1, and 'full' or 'few'")
     made = FEW[ground, trials > 1] if jumps == "few" else (REPEATED if trials > 1 else ONCE)[ground]
-    amplitude = (AMPLITUDE[ground],)
-    return [JumpSweep(kind, f, amplitude, delay=(delay,), trials=trials) for kind, f, delay in made]
+    each = (jumps_of(kind, f, (AMPLITUDE[ground],), delay=(delay,), trials=trials) for kind, f, delay in made)
+    return tuple(jump for some in each for jump in some)
 
 
 def _pick(ground: str, rng: np.random.Generator) -> tuple[str, ...]:
@@ -251,106 +231,76 @@ def _values(name: str, level: float, rng: np.random.Generator) -> dict[str, floa
     return out
 
 
-class Model(NamedTuple):
-    """The declared model: values, ranges that may be fitted, standard uncertainties of values."""
-
-    terms: list[str]
-    values: dict[str, float]
-    fit: dict[str, list[float]]
-    sigma: dict[str, float]
-
-    def table(self) -> Table:
-        """[model] of a protocol."""
-        more: Table = {"fit": self.fit, "sigma": self.sigma}
-        return {"terms": self.terms, **self.values, **{k: v for k, v in more.items() if v}}
-
-
 def _protocol(
     ground: str,
     hidden: tuple[str, ...],
     true: dict[str, float],
     track: RodTrack,
-    sweeps: list[JumpSweep],
+    jumps: tuple[Jump, ...],
     rng: np.random.Generator,
 ) -> Protocol:
     """A truth with the hidden effects, and a declared model without them."""
-    robot, sigma = ROBOTS[ground], {}
-    dk = 0.0  # the spring's own error, within its stated uncertainty
-    if "spring_stiffness" not in hidden:
-        sigma = {"spring_stiffness": 0.005 * robot.spring_stiffness}
-        dk = robot.spring_stiffness + sigma["spring_stiffness"] * rng.normal() - robot.spring_stiffness
-    terms: list[str] = []
-    truth: dict[str, float] = {}
-    model = Model([], {}, {}, {})
-    if ground == "hard" and "landing_loss" not in hidden:
-        terms, truth = ["landing_loss"], {"e": float(rng.uniform(0.2, 0.4))}
-        model = Model(["landing_loss"], {"e": 0.3}, {"e": [0.0, 0.8]}, {})
-    if ground == "granular":
-        terms, truth, model = _sand(hidden, rng)
-    truth |= true
-    terms += [h for h in hidden if h not in terms]
-    if "spring_stiffness" not in terms:
-        terms, truth = [*terms, "spring_stiffness"], truth | {"dk": dk}
-    header = Header("A campaign with, perhaps, a hidden effect", ground, 1.8)
-    protocol = Protocol(
-        header,
+    robot = ROBOTS[ground]
+    spring, sigma = robot.spring_stiffness, {}
+    if "spring_stiffness" not in hidden:  # its own error, within its stated uncertainty
+        sigma = {"spring_stiffness": 0.005 * spring}
+        spring += sigma["spring_stiffness"] * float(rng.normal())
+    terms, truth, model = (_hard if ground == "hard" else _sand)(hidden, rng)
+    return Protocol(
         robot,
-        None,
-        BedValues(),
-        tuple(terms),
-        truth,
-        {},
-        jumps_of(sweeps, start=header.start, ground=ground, part="", first=0),
-        (),
+        jumps,
         # what the motor makes of its command shows only where the command drives the model
-        Records(rod_track=track, motor_log=MotorLog() if not UNLOGGED & {*hidden} else None),
-        model=model.table(),
+        Records(rod_track=track, motor_log=None if UNLOGGED & {*hidden} else MotorLog()),
+        terms=tuple(dict.fromkeys([*terms, *hidden, "spring_stiffness"])),
+        parameters={"dk": spring - robot.spring_stiffness} | truth | true,
+        ground=ground,
+        model=model,
         robot_sigma=sigma,
-        file=Path("the drawn setting"),
     )
-    return checked(protocol, "the drawn setting")
 
 
-def _sand(hidden: tuple[str, ...], rng: np.random.Generator) -> tuple[list[str], dict[str, float], Model]:
-    """Terms and parameters of the true bed, and the model declared of it, before the hidden effects are added."""
+GroundTruth = tuple[
+    list[str], dict[str, float], dict[str, Any]
+]  # true terms and parameters before the hidden ones, [model]
+
+
+def _hard(hidden: tuple[str, ...], rng: np.random.Generator) -> GroundTruth:
+    if "landing_loss" in hidden:
+        return [], {}, {"terms": []}
+    model = {"terms": ["landing_loss"], "e": 0.3, "fit": {"e": [0.0, 0.8]}}
+    return ["landing_loss"], {"e": float(rng.uniform(0.2, 0.4))}, model
+
+
+def _sand(hidden: tuple[str, ...], rng: np.random.Generator) -> GroundTruth:
     stiffness = float(rng.uniform(1900.0, 2400.0))
     sigma = 0.01 * stiffness
-    declared = stiffness + sigma * float(rng.normal())
+    k1 = stiffness + sigma * float(rng.normal())  # as declared
+    two: dict[str, Any] = {"terms": ["two_resistance"], "k1": k1, "k2": 0.8 * stiffness, "delta": 0.012}
+    terms: list[str] = []
+    truth: dict[str, float] = {}
     if "two_resistance" in hidden:
-        terms: list[str] = []
-        truth: dict[str, float] = {}
-        model = Model(["linear_penetration"], {"k": 2200.0}, {"k": [1000.0, 5000.0]}, {})
+        model: dict[str, Any] = {"terms": ["linear_penetration"], "k": 2200.0, "fit": {"k": [1000.0, 5000.0]}}
     elif "rft_cone" in hidden:
-        terms, truth = [], {"k1": stiffness}
-        fit = {"k1": [1000.0, 5000.0], "k2": [500.0, 6000.0]}
-        model = Model(["two_resistance"], {"k1": declared, "k2": declared, "delta": 0.012}, fit, {})
+        truth = {"k1": stiffness}
+        model = two | {"k2": k1, "fit": {"k1": [1000.0, 5000.0], "k2": [500.0, 6000.0]}}
     else:
         terms, truth = ["two_resistance"], {"k1": stiffness, "k2": 0.8 * stiffness, "delta": 0.012}
-        values = {"k1": declared, "k2": 0.8 * stiffness, "delta": 0.012}
-        model = Model(["two_resistance"], values, {}, {"k1": sigma})
+        model = two | {"fit": {}, "sigma": {"k1": sigma}}
     if "inertial_drag" not in hidden:
         terms, truth = [*terms, "inertial_drag"], truth | {"alpha": float(rng.uniform(40.0, 90.0))}
-        model.terms.append("inertial_drag")
-        model.values["alpha"] = 60.0
-        model.fit["alpha"] = [0.0, 300.0]
+        fit = model["fit"] | {"alpha": [0.0, 300.0]}
+        model = model | {"terms": [*model["terms"], "inertial_drag"], "alpha": 60.0, "fit": fit}
     return terms, truth, model
 
 
 def campaign(setting: Setting, rng: np.random.Generator, *, dt: float = DT) -> list[Recorded]:
     """Every jump of the setting as arrays: under a second for 24 jumps. dt [s]: step of the laboratory's integrator."""
-    protocol = setting.protocol
-    track, log = track_of(protocol), protocol.records.motor_log
+    log = setting.protocol.records.motor_log
     out = []
-    for jump in protocol.jumps:
-        motion, phi, parameters = jump_of(protocol, jump, rng, dt=dt, every=EVERY)
-        seen = logs.seen_rod(
-            motion,
-            track,
-            zero=rng.uniform(-0.05, 0.05),
-            rng=rng,
-            scale=parameters.get("scale", 1.0),
-            dt=parameters.get("dt", 0.0),
-        )
+    for jump in setting.protocol.jumps:
+        motion, phi, true = jump_of(setting.protocol, jump, rng, dt=dt, every=EVERY)
+        zero, scale = rng.uniform(-0.05, 0.05), true.get("scale", 1.0)
+        seen = logs.seen_rod(motion, setting.nuisance, zero=zero, rng=rng, scale=scale, dt=true.get("dt", 0.0))
         motor = logs.motor_log(motion, rate=log.rate, force_noise=log.force_noise, rng=rng) if log else None
         out.append(Recorded(jump, phi, seen.columns, motor, seen.error, seen.sigma))
     return out

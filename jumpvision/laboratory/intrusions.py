@@ -1,4 +1,4 @@
-"""Slow intrusions of a flat foot on a robot arm with known truth: one log, a recording, a campaign of beds and feet.
+"""Slow intrusions of a flat foot on a robot arm with known truth: one log, a campaign of beds and feet.
 
 The bed answers with two resistances; a pause or a withdrawal leaves an overshoot behind, proportional to the depth it
 happened at, that fades over a length as the foot goes on; deep in a dense bed the force saws (stick and slip of shear
@@ -8,7 +8,7 @@ planes). The load cell adds white noise, the grains add fluctuations that are co
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,10 +17,8 @@ import numpy as np
 from jumpvision.base.arrays import Array
 
 from . import write
-from .jumper import STATIC, Robot, truth_of
-from .jumper_kernel import penetration
-from .protocol_keys import IntrusionLog, Move
-from .write import Recording
+
+Move = tuple[str, float]  # of the arm: ("to", depth [m]) | ("pause", time [s])
 
 
 @dataclass(frozen=True)
@@ -122,61 +120,6 @@ def _fluctuation(depth: Array, g: Grains, rng: np.random.Generator) -> Array:
     for i in range(1, depth.size):
         out[i] = keep[i] * out[i - 1] + np.sqrt(1.0 - keep[i] ** 2) * white[i]
     return g.fluctuation * out
-
-
-# how a parameter given for the robot's foot goes with the radius of another: forces with the area, lengths with it
-POWERS = {"k": 2, "k1": 2, "k2": 2, "alpha": 2, "s": 2, "s_p": 2, "saw": 2, "delta": 1, "crater_volume": 3}
-
-
-def scaled(parameters: Mapping[str, float], size: float) -> dict[str, float]:
-    """Parameters of a foot `size` times as wide as the robot's."""
-    return {n: v * size ** POWERS.get(n, 0) for n, v in parameters.items()}
-
-
-def write_intrusion_log(
-    folder: Path,
-    moves: Sequence[Move],
-    record: IntrusionLog,
-    terms: Sequence[str],
-    parameters: Mapping[str, float],
-    rng: np.random.Generator,
-    *,
-    robot: Robot,
-    size: float,
-) -> Recording:
-    """intrusion.csv. parameters: those of this foot, `size` times the robot's radius."""
-    static = [t for t in terms if t in STATIC]
-    foot = robot._replace(foot_radius=robot.foot_radius * size)
-    q = truth_of(foot, static, parameters, ground="granular")
-    overshoots = {"s": "reintrusion_overshoot", "s_p": "stop_go_overshoot"}
-    extra = {n: parameters[n] if term in terms else 0.0 for n, term in overshoots.items()}
-    lam = {"lam": parameters["lam"]} if any(extra.values()) else {}
-    grains = Grains(
-        static=lambda z: float(penetration(z, 1.0, q)),
-        delta=q.delta,
-        saw=parameters.get("saw", 0.0),
-        fluctuation=record.fluctuation * size**2,
-        grain_length=record.grain_length,
-        carry=parameters.get("carry", 0.0),
-        **extra,
-        **lam,
-    )
-    surface = float(np.round(rng.normal(0.0, record.surface), 5))
-    arm = Arm(
-        speed=record.speed,
-        rate=record.rate,
-        weight=record.weight,
-        surface=surface,
-        noise=record.noise,
-        step=record.step,
-    )
-    write.table(folder / "intrusion.csv", log(moves, grains, arm, start=-record.start, rng=rng))
-    known = {n: parameters[n] for n in ("k", "k1", "k2", "delta") if n in parameters}
-    if "linear_penetration" in static:
-        known["k1"] = known.pop("k")
-    held = {n: v for n, v in extra.items() if v}
-    fits = known | held | lam | {"contact_depth_m": surface, "weight_N": record.weight}
-    return Recording({"intrusion_log": {"file": "intrusion.csv"}}, {"fits": fits, "saw_N": grains.saw})
 
 
 RADII = (0.0127, 0.0191, 0.0254, 0.0318, 0.0381)  # m, at the loose packing

@@ -1,11 +1,10 @@
-"""What [record] asks for of one experiment: its recordings; logs of motor and contact, noise of tracks."""
+"""What a protocol records of one jump; logs of motor and contact, noise of tracks."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
@@ -14,19 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
-from jumpvision.laboratory.films.bed import bed_height, bed_picture, write_crater
-from jumpvision.laboratory.films.discs import Runner, write_disc_film
+from jumpvision.laboratory.films.bed import bed_height, bed_picture
 from jumpvision.laboratory.films.flow import Cone
 from jumpvision.laboratory.films.grain_record import Glass, write_grain_film
 from jumpvision.laboratory.films.grains import View
-from jumpvision.laboratory.films.optics import exposed, seen_places
+from jumpvision.laboratory.films.optics import BedCamera, exposed, seen_places
 from jumpvision.laboratory.films.rod import write_rod_film
 
 from . import write
-from .intrusions import scaled, write_intrusion_log
 from .jumper import Motion
-from .protocol import Protocol
-from .protocol_keys import Intrusion, RodTrack
+from .protocol import Bed, Protocol, RodTrack
 from .write import Recording, Table
 
 
@@ -41,17 +37,16 @@ class TrackTruth:
     drift_m: Array | None = None
 
 
-def of_jump(
+def recordings_of(
     folder: Path,
     protocol: Protocol,
     motion: Motion,
     phi: float,
     parameters: Mapping[str, float],
     rng: np.random.Generator,
-    discs: Runner | None,
 ) -> Iterator[Recording]:
-    """The recordings of a jump; discs: what simulates the grains of a film with source = "discs"."""
-    records, cameras = protocol.records, protocol.cameras
+    """Write what the protocol records of a jump into `folder`, one recording after the other."""
+    records, bed = protocol.records, protocol.bed
     scale, dt = parameters.get("scale", 1.0), parameters.get("dt", 0.0)
     if track := records.rod_track:
         zero = rng.uniform(-0.05, 0.05)
@@ -61,7 +56,7 @@ def of_jump(
         true = TrackTruth(seen.sigma, error.noise, error.outliers, error.wander if track.drift else None)
         yield Recording({"rod_track": {"file": "rod_track.csv"}}, {"camera_zero_m": zero, "track": true})
     if film := records.rod_film:
-        yield write_rod_film(folder, motion, film, cameras.camera, rng, scale=scale, dt=dt)
+        yield write_rod_film(folder, motion, film, protocol.camera, rng, scale=scale, dt=dt)
     if log := records.motor_log:
         columns = motor_log(motion, rate=log.rate, force_noise=log.force_noise, step=log.step, rng=rng)
         write.table(folder / "motor.csv", columns)
@@ -69,85 +64,51 @@ def of_jump(
     if contact := records.contact_log:
         write.table(folder / "contact.csv", contact_log(motion, rate=contact.rate))
         yield Recording({"contact_log": {"file": "contact.csv"}})
-    yield from of_bed(folder, protocol, phi, parameters, rng)
+    if picture := records.bed_image:
+        yield write_bed_image(folder, bed, phi, picture.scale, protocol.bed_camera, rng)
     if grains := records.grain_film:
         length = grains.frames / grains.rate + 0.01
         if not len(motion.lift_offs) or motion.lift_offs[0] + motion.flights[0] > motion.t[-1] - length:
             yield Recording({}, {"grain_film": "none: no landing within the recording"})
             return
-        radius, diameter = protocol.robot.foot_radius, protocol.bed.grain_diameter
-        density, camera = phi * protocol.bed.grain_density, cameras.grain_camera
-        make: Callable[..., Recording]
-        if grains.source == "discs":
-            if discs is None:
-                raise ValueError("source = 'discs': needs what simulates them (discs=...)")
-            make = partial(write_disc_film, runner=discs)
-        else:  # where the truth has no cone, the film shows the samples'
-            cone = Cone(**{name: parameters.get(name, value) for name, value in Cone()._asdict().items()})
-            make = partial(write_grain_film, cone=cone, quick=True)
-        yield make(folder, motion, density, rng, radius=radius, diameter=diameter, film=grains, camera=camera)
-
-
-def of_intrusion(
-    folder: Path,
-    protocol: Protocol,
-    intrusion: Intrusion,
-    phi: float,
-    parameters: Mapping[str, float],
-    rng: np.random.Generator,
-) -> Iterator[Recording]:
-    """The recordings of a slow intrusion; parameters: at the robot's own foot."""
-    size = intrusion.foot_radius / protocol.robot.foot_radius
-    if log := protocol.records.intrusion_log:
-        own = scaled(parameters, size)
-        yield write_intrusion_log(
-            folder, intrusion.moves, log, protocol.terms, own, rng, robot=protocol.robot, size=size
-        )
-    yield from of_bed(folder, protocol, phi, parameters, rng, size=size)
-
-
-def of_bed(
-    folder: Path,
-    protocol: Protocol,
-    phi: float,
-    parameters: Mapping[str, float],
-    rng: np.random.Generator,
-    *,
-    size: float = 1.0,
-) -> Iterator[Recording]:
-    """What is recorded of any bed; size: foot / the robot's."""
-    bed = protocol.bed
-    if picture := protocol.records.bed_image:
-        camera = protocol.cameras.bed_camera
-        height = bed_height(phi, solid_volume=bed.solid_volume, length=bed.length, width=bed.width)
-        floor = float(round(height / picture.scale) + 66)
-        glass = Glass(View((int(floor) + 36, 420), picture.scale, floor, 0.5 * 419), camera)
-        mean, _ = bed_picture(
-            height,
-            scale=picture.scale,
-            floor_row=glass.wide.surface_row,
-            shape=glass.wide.shape,
-            grain_diameter=bed.grain_diameter,
-            rng=rng,
-        )
-        write.picture(folder / "bed.png", exposed(glass(mean), camera, rng))
-        row, _ = seen_places(np.array([floor]), glass.view.axis_column, glass.lens)
-        section: Table = {
-            "file": "bed.png",
-            "scale": picture.scale * (1 + camera.scale_error),
-            "floor_row": round(float(row[0]), 3),
-        }
-        yield Recording({"bed_image": section}, {"bed": {"height_m": height}})
-    if crater := protocol.records.crater_image:
-        yield write_crater(
+        yield write_grain_film(
             folder,
-            scaled(parameters, size)["crater_volume"],
-            crater,
+            motion,
+            phi * bed.grain_density,
             rng,
-            size=size,
-            foot_radius=protocol.robot.foot_radius * size,
-            grain_diameter=bed.grain_diameter,
+            radius=protocol.robot.foot_radius,
+            diameter=bed.grain_diameter,
+            # where the truth has no cone, the film shows the samples'
+            cone=Cone(**{name: parameters.get(name, value) for name, value in Cone()._asdict().items()}),
+            film=grains,
+            camera=protocol.grain_camera,
+            quick=True,
         )
+
+
+def write_bed_image(
+    folder: Path, bed: Bed, phi: float, scale: float, camera: BedCamera, rng: np.random.Generator
+) -> Recording:
+    """Write bed.png of a bed of volume fraction phi; scale [m/px]."""
+    height = bed_height(phi, solid_volume=bed.solid_volume, length=bed.length, width=bed.width)
+    floor = float(round(height / scale) + 66)
+    glass = Glass(View((int(floor) + 36, 420), scale, floor, 0.5 * 419), camera)
+    mean, _ = bed_picture(
+        height,
+        scale=scale,
+        floor_row=glass.wide.surface_row,
+        shape=glass.wide.shape,
+        grain_diameter=bed.grain_diameter,
+        rng=rng,
+    )
+    write.picture(folder / "bed.png", exposed(glass(mean), camera, rng))
+    row, _ = seen_places(np.array([floor]), glass.view.axis_column, glass.lens)
+    section: Table = {
+        "file": "bed.png",
+        "scale": scale * (1 + camera.scale_error),
+        "floor_row": round(float(row[0]), 3),
+    }
+    return Recording({"bed_image": section}, {"bed": {"height_m": height}})
 
 
 ENCODER_STEP = 6.25e-6  # m
@@ -218,7 +179,7 @@ def rod_track(
     dt: float = 0.0,
     **how: Any,
 ) -> dict[str, Array]:
-    """Columns of `seen_rod`. how: the other keys of [record.rod_track]: rho, step, family, drift, ratio, stated, ..."""
+    """Columns of `seen_rod`. how: the other fields of RodTrack: rho, step, family, drift, ratio, stated, ..."""
     return seen_rod(motion, RodTrack(rate, noise, **how), zero=zero, rng=rng, scale=scale, dt=dt).columns
 
 

@@ -22,10 +22,11 @@ from jumpvision.laboratory.films.flow import Cone
 from jumpvision.laboratory.films.grain_record import FILM, write_grain_film
 from jumpvision.laboratory.films.optics import record
 from jumpvision.laboratory.films.rod import RodFilmTruth, exposure_times, rod_film
-from jumpvision.laboratory.protocol_keys import GrainFilm
+from jumpvision.laboratory.protocol import GrainFilm
 
 from . import recordings as logs
 from . import write
+from .campaign import numbers_of
 from .intrusions import intrusion_campaign
 from .jumper import Law, Motion, Robot, motion_of
 from .write import Recording, Table
@@ -109,7 +110,7 @@ def hard_ground(folder: Path, *, seed: int = SEED) -> None:
         {
             "schema": 1,
             "ground": "hard",
-            "robot": _robot(HARD_ROBOT),
+            "robot": numbers_of(HARD_ROBOT),
             "actuation": _actuation("stutter", law),
             **film.tables,
             "motor_log": {"file": "motor.csv"},
@@ -187,7 +188,7 @@ def grain_films(folder: Path, *, seed: int = SEED) -> None:
 
 def _sand() -> Table:
     """What is common to all jumps on sand."""
-    return {"ground": "granular", "robot": _robot(SAND_ROBOT), "bed": BED}
+    return {"ground": "granular", "robot": numbers_of(SAND_ROBOT), "bed": BED}
 
 
 def _hidden() -> dict[str, object]:
@@ -283,10 +284,6 @@ def _grains(
     )
 
 
-def _robot(robot: Robot) -> Table:
-    return {name: round(value, 9) for name, value in robot._asdict().items()}
-
-
 def _actuation(kind: str, law: Law) -> Table:
     out: Table = {"kind": kind, "frequency": law.frequency, "amplitude": law.amplitude, "start": law.start}
     out["phase"] = round(law.phase, 8)
@@ -308,7 +305,7 @@ def write_samples(kind: str, out: Path, *, seed: int = SEED) -> list[Path]:
     Raises InputError for an unknown kind or a folder that exists: recordings are never written over.
     """
     if kind not in (*KINDS, "samples"):
-        kinds = [*KINDS, "samples", "blind", "reveal", "a protocol.toml"]
+        kinds = [*KINDS, "samples", "blind", "reveal"]
         raise InputError([f"synth {kind}: unknown kind{closest(kind, kinds)}"])
     folders = {k: Path(out) / k for k in KINDS if kind == k or (kind == "samples" and k in SAMPLES)}
     taken = [f"synth: {f} exists; give another folder or remove it" for f in folders.values() if f.exists()]

@@ -1,26 +1,17 @@
-"""A grain film of simulated discs behind glass: pictures from places, the recording, the truth of the motion."""
+"""Pictures of simulated discs behind glass, from their places."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
-from jumpvision.laboratory import write
-from jumpvision.laboratory.jumper import Motion
-from jumpvision.laboratory.protocol_keys import GrainFilm
-from jumpvision.laboratory.write import Recording
 
-from .grain_record import Clock, Columns, Glass, mass_at_peak, middle, start_of
 from .grains import View
-from .optics import GrainCamera, exposed, texture
+from .optics import texture
 
 GAP, BEHIND = 22.0, 46.0  # grey: dark between the grains, shadow above the foot and the bed
 LIT = 0.5, -0.10, -0.16  # share of a disc's light that comes from its bulge, and across and down its face
@@ -170,101 +161,6 @@ def draw_foot(image, face, top, axis, half_width, body):  # type: ignore[no-unty
             inside = min(max(half_width - abs(j - axis) + 0.5, 0.0), 1.0)
             tone = BEHIND + lit * (body[k, j] * (1.0 - part) + body[k + 1, j] * part - BEHIND)
             image[i, j] += inside * share * (tone - image[i, j])
-
-
-# (t, foot_y, times, *, half_width, bed, diameter, fraction, rng, deepest) -> (discs with .radius, motion with .x, .y)
-Runner = Callable[..., tuple[Any, Any]]
-
-EXPOSURE, INSTANTS = 2e-4, 3  # s, drawn in an exposure
-SURFACE_ROW = 20.0
-FOOT_HEIGHT = 0.012  # m
-BED = 1.12  # the bed is so much larger than the picture
-
-
-@dataclass(frozen=True)
-class DiscTruth:
-    """What is true of a film of discs, in every frame and between two."""
-
-    conventions: str
-    discs: int
-    exposure_s: float
-    frames: Columns
-    pairs: Columns
-
-
-def write_disc_film(
-    folder: Path,
-    motion: Motion,
-    bed_density: float,
-    rng: np.random.Generator,
-    runner: Runner,
-    *,
-    radius: float,
-    diameter: float,
-    film: GrainFilm,
-    camera: GrainCamera,
-) -> Recording:
-    """grains.mkv around the first landing.
-
-    bed_density: phi rho [kg/m^3] of the momentum; radius of the foot, mean diameter of the discs [m].
-    """
-    shape = (film.rows, film.columns)
-    view = View(shape, film.scale, SURFACE_ROW, 0.5 * (shape[1] - 1))
-    glass = Glass(view, camera)
-    clock = Clock(start_of(motion), film, camera, rng)
-    instants = clock.shown[:, None] + (np.arange(INSTANTS) + 0.5) / INSTANTS * EXPOSURE
-    begin = float(instants[0, 0]) - 1e-3
-    extent = max(BED * 0.5 * glass.wide.shape[1] * film.scale, 1.5 * radius)
-    discs, m = runner(
-        motion.t,
-        motion.foot,
-        np.concatenate([[begin], instants.ravel()]),
-        half_width=radius,
-        bed=(extent, BED * glass.wide.shape[0] * film.scale),
-        diameter=diameter,
-        fraction=film.area_fraction,
-        rng=rng,
-        deepest=float(motion.foot[motion.t <= begin].min()),
-    )
-    x, y = (a[1:].reshape(len(instants), INSTANTS, -1) for a in (m.x, m.y))
-    face = motion.at("foot", instants)
-    draw = DiscCamera(
-        glass.wide.shape,
-        discs.radius,
-        scale=film.scale,
-        surface_row=glass.wide.surface_row,
-        axis_column=glass.wide.axis_column,
-        half_width=radius,
-        height=FOOT_HEIGHT,
-        glare=0.0,
-        rng=rng,
-    )
-    frames = np.stack([exposed(glass(draw.frame(*at)), camera, rng, bright=True) for at in zip(x, y, face)])
-    write.movie(folder / "grains.mkv", frames, rate=film.rate, numbers=clock.number, bits=camera.bits)
-
-    k = INSTANTS // 2
-    time, shown = clock.stamp + 0.5 * EXPOSURE, clock.shown + 0.5 * EXPOSURE
-    height, speed = face[:, k], -np.diff(face[:, k]) / np.diff(shown)
-    momentum = disc_momentum(view, shown, x[:, k], y[:, k], height, diameter=diameter, bed_density=bed_density)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        mass = np.where(speed > 0.05, momentum / speed, 0.0)
-    true = DiscTruth(
-        conventions="foot_speed is downward, the mean between two frames; momentum in view is that of a half foot "
-        "(pi r dr dh) at the constant density phi rho, from the nearest disc's displacement; added mass is momentum "
-        "over foot_speed, 0 below 0.05 m/s",
-        discs=len(discs.radius),
-        exposure_s=EXPOSURE,
-        frames={"time_s": time, "foot_row_px": np.asarray(view.row(height)), "foot_depth_m": -height} | clock.extra,
-        pairs={
-            "time_s": middle(time),
-            "foot_depth_m": -middle(height),
-            "foot_speed_m_s": speed,
-            "momentum_in_view_kg_m_s": momentum,
-            "added_mass_in_view_kg": mass,
-        },
-    )
-    tables = glass.tables(-float(face[0, k]), start_of(motion), film.rate, camera)
-    return Recording(tables, {"grain_film": true}, {"added_mass_kg": mass_at_peak(true.pairs)})
 
 
 def disc_momentum(

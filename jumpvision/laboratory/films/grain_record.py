@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from jumpvision.base.arrays import Array
 from jumpvision.laboratory import write
 from jumpvision.laboratory.jumper import Motion
-from jumpvision.laboratory.protocol_keys import GrainFilm
+from jumpvision.laboratory.protocol import GrainFilm
 from jumpvision.laboratory.write import Recording, Table
 
 from .flow import Cone, Flow

@@ -11,59 +11,58 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
-from jumpvision.base.schema import param
 
 
 @dataclass(frozen=True)
 class Chip:
     """What may be wrong with any camera."""
 
-    bits: int = param(8, "", "depth of a pixel; 8, 12 or 16", lo=8, hi=16)
-    shading: float = param(0.0, "", "how much darker the corners are than the middle", lo=0, hi=1)
-    k1: float = param(0.0, "1/px^2", "lens: true offset = seen offset x (1 + k1 r^2 + k2 r^4)", lo=-1e-5, hi=1e-5)
-    k2: float = param(0.0, "1/px^4", "lens, fourth order", lo=-1e-10, hi=1e-10)
-    calibrated: bool = param(False, "", "whether the lens is declared in [calibration]")
-    scale_error: float = param(0.0, "", "declared scale / true scale - 1", lo=-0.5, hi=0.5)
+    bits: int = 8  # of a pixel; 8, 12 or 16
+    shading: float = 0.0  # how much darker the corners are than the middle, 0..1
+    k1: float = 0.0  # 1/px^2, lens: true offset = seen offset x (1 + k1 r^2 + k2 r^4)
+    k2: float = 0.0  # 1/px^4
+    calibrated: bool = False  # whether the lens is declared in [calibration]
+    scale_error: float = 0.0  # declared scale / true scale - 1
 
-    def check(self) -> list[str]:
-        """Depths that cameras have."""
-        return [] if self.bits in (8, 12, 16) else [f"bits = {self.bits}: must be 8, 12 or 16"]
+    def __post_init__(self) -> None:
+        if self.bits not in (8, 12, 16):
+            raise ValueError(f"bits = {self.bits}: must be 8, 12 or 16")
 
 
 @dataclass(frozen=True)
 class FilmChip(Chip):
     """What may be wrong with a film camera besides."""
 
-    dropped: float = param(0.0, "", "share of frames lost at random", lo=0, hi=0.5)
-    clock_offset: float = param(0.0, "s", "a frame stamped t shows t + clock_offset + clock_drift t", lo=-1, hi=1)
-    clock_drift: float = param(0.0, "s/s", "see clock_offset", lo=-0.1, hi=0.1)
+    dropped: float = 0.0  # share of frames lost at random
+    clock_offset: float = 0.0  # s, a frame stamped t shows t + clock_offset + clock_drift t
+    clock_drift: float = 0.0
 
 
 @dataclass(frozen=True)
 class Camera(FilmChip):
-    """[camera], of the rod film; the defaults are the good camera of the samples."""
+    """The camera of the rod film; the defaults are the good camera of the samples. Grey levels are those of 8 bits."""
 
-    electrons_per_grey: float = param(45.0, "", "photo-electrons an 8-bit grey level", lo=0, open_lo=True)
-    read_noise: float = param(0.8, "", "8-bit grey levels", lo=0)
-    reflection: float = param(0.0, "", "8-bit grey of highlights that move with the rod", lo=0, hi=255)
+    electrons_per_grey: float = 45.0
+    read_noise: float = 0.8  # grey
+    reflection: float = 0.0  # grey of highlights that move with the rod
 
 
 @dataclass(frozen=True)
 class GrainCamera(FilmChip):
-    """[grain_camera], of the grain film."""
+    """The camera of the grain film."""
 
-    electrons_per_grey: float = param(60.0, "", "photo-electrons an 8-bit grey level", lo=0, open_lo=True)
-    read_noise: float = param(1.0, "", "8-bit grey levels", lo=0)
-    glare: float = param(0.0, "", "8-bit grey of a reflection that stands still on the glass", lo=0, hi=255)
+    electrons_per_grey: float = 60.0
+    read_noise: float = 1.0  # grey
+    glare: float = 0.0  # grey of a reflection that stands still on the glass
 
 
 @dataclass(frozen=True)
 class BedCamera(Chip):
-    """[bed_camera], of the bed image."""
+    """The camera of the bed image."""
 
-    electrons_per_grey: float = param(40.0, "", "photo-electrons an 8-bit grey level", lo=0, open_lo=True)
-    read_noise: float = param(1.5, "", "8-bit grey levels", lo=0)
-    glare: float = param(0.0, "", "8-bit grey of a reflection that stands still on the glass", lo=0, hi=255)
+    electrons_per_grey: float = 40.0
+    read_noise: float = 1.5  # grey
+    glare: float = 0.0  # grey of a reflection that stands still on the glass
 
 
 class Lens(NamedTuple):

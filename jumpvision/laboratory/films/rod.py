@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from jumpvision.base.arrays import Array
 from jumpvision.laboratory import write
 from jumpvision.laboratory.jumper import Motion
-from jumpvision.laboratory.protocol_keys import RodFilm
+from jumpvision.laboratory.protocol import RodFilm
 from jumpvision.laboratory.write import Recording, Table
 
 from .optics import NO_LENS, Camera, Lens, blur, exposed, lens_of, seen_place, seen_places, shade, texture, true_place
