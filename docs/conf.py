@@ -19,7 +19,7 @@ PARTS = {  # of the site; all but the last are at most 15,000 words together (te
     "Only match pictures": ["velocity_fields"],
     "Only track": ["tracking"],
     "Test a simulation": ["diagnosis", "experimenter", "any_simulator"],
-    "Jumping robots": ["planning", "demo", "lessons", "report"],
+    "Jumping robots": ["planning", "demo", "report"],
     "Reference": [
         "commands", "scale", "keys", "api", "files", "stages", "physics", "figures", "hard_ground", "granular", "dem",
         "rft", "laboratory", "diagnosis_real", "real", "benchmarks", "features", "architecture",

@@ -21,7 +21,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
-from urllib.parse import quote
 
 import numpy as np
 import pandas as pd
@@ -337,12 +336,12 @@ def until(page: Any, condition: str) -> None:
 
 
 @contextmanager
-def opened(browser: Any, server: Any, link: str, width: int, height: int) -> Iterator[Any]:
+def opened(browser: Any, server: Any, width: int, height: int) -> Iterator[Any]:
     """A page of a server in the browser, its window as large as asked for."""
     threading.Thread(target=server.serve_forever, daemon=True).start()
     context = browser.new_context(viewport={"width": width, "height": height}, reduced_motion="reduce")
     page = context.new_page()
-    page.goto(server.address + link)
+    page.goto(server.address)
     try:
         yield page
     finally:
@@ -351,48 +350,22 @@ def opened(browser: Any, server: Any, link: str, width: int, height: int) -> Ite
         server.server_close()
 
 
-def demo(state: dict[str, Any], height: int, play: Callable[[Any], None]) -> Callable[[Any], bytes]:
-    """A screenshot of the interactive jumper, from a link's state and what is done with it."""
+def demo(browser: Any) -> bytes:
+    """The interactive jumper on sand."""
+    from jumpvision.browser.demo.server import Server
 
-    def shoot(browser: Any) -> bytes:
-        from jumpvision.browser.demo.server import Server
-
-        with opened(browser, Server(0), "#" + quote(json.dumps(state)), 1280, height) as page:
-            until(page, "document.querySelector('#headline').textContent.includes('mm')")
-            play(page)
-            page.evaluate("document.activeElement.blur(); window.scrollTo(0, 0)")
-            until(page, "!document.querySelector('#map-note').textContent.includes('%')")  # drawn finer and finer
-            page.wait_for_timeout(500)
-            return page.screenshot()
-
-    return shoot
-
-
-def stutter_on_sand(page: Any) -> None:
-    page.locator("input[value=stutter]").check(force=True)
-    page.locator("#s-frequency-n").fill("5")
-
-
-def sealed_world(page: Any) -> None:
-    """Two jumps are recorded beside a model with a constant drag, a wrong answer is given."""
-    page.locator("input[value=drag]").check(force=True)
-    page.locator("input[value=stutter]").check(force=True)
-    page.locator("#s-frequency-n").fill("5")
-    page.wait_for_timeout(500)
-    page.locator("[data-do=record]").click()
-    page.locator("input[value=single]").check(force=True)
-    page.wait_for_selector("[data-do=record]:not(:disabled)")
-    page.locator("[data-do=record]").click()
-    page.locator("#said").select_option("foot_mass")
-    page.locator("[data-do=open_seal]").click()
-    until(page, "document.querySelector('#judged').textContent.includes('Hidden was')")
+    with opened(browser, Server(0), 1280, 800) as page:
+        page.locator("input[value=granular]").check(force=True)
+        until(page, "document.querySelector('#map-note').textContent === '36 × 36 jumps'")  # drawn finer and finer
+        page.wait_for_timeout(500)
+        return page.screenshot(full_page=True)
 
 
 def workbench(browser: Any) -> bytes:
     """The sample on hard ground, tracked, at the third step."""
     from jumpvision.browser.workbench.server import Server
 
-    with opened(browser, Server(ROOT / "data_samples" / "hard_ground", 0), "", 1280, 800) as page:
+    with opened(browser, Server(ROOT / "data_samples" / "hard_ground", 0), 1280, 800) as page:
         until(page, "!!window.workbench?.ready && workbench.store.looked")
         page.keyboard.press("t")
         until(page, "workbench.store.track.finished && !workbench.store.track.running")
@@ -407,7 +380,6 @@ def workbench(browser: Any) -> bytes:
 FILMED = ("grain_films/single-7.0Hz", "loose_sand/stutter-7.0Hz-film", "grain_films/delayed_stutter-7.0Hz")
 SAMPLES = ROOT / "data_samples"
 BESIDE = "dem --beds 0 " + " ".join(f"--experiment {SAMPLES / name}" for name in FILMED)
-SEALED = {"ground": "granular", "set": {}, "task": "sealed", "world": {"n": 20, "laws": []}}
 PICTURES: dict[str, Picture] = {
     **{f"hard_{n}": of_study("hard", n) for n, s in studies("hard").items() if not s.of_campaign and n != "grid"},
     **{
@@ -425,8 +397,7 @@ PICTURES: dict[str, Picture] = {
     "rft_disc": of_command("rft --tilt 0:30:4", "rft --tilt 0:30:2 --depth 0:0.06:4"),
     "heights": of_samples("heights.png"),
     "diagnosis": of_samples("diagnosis.png"),
-    "demo_sand": of_page("demo", demo({"ground": "granular", "set": {}}, 1100, stutter_on_sand), 1100),
-    "demo_sealed": of_page("demo", demo(SEALED, 1010, sealed_world), 1100),
+    "demo_sand": of_page("demo", demo, 1100),
     "workbench": of_page("workbench", workbench),
 }
 

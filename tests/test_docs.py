@@ -381,19 +381,6 @@ def test_the_newcomer_s_path_is_short_and_its_length_is_said():
     assert len(links) == 7 and words <= 8000 and abs(words - said) < 500
 
 
-def test_the_numbers_of_the_lessons():
-    """Best frequencies and rises that the page tells teachers, by the map of jumps."""
-    page = (DOCS / "lessons.md").read_text(encoding="utf-8")
-    for phase, gravity, frequency, rise in (
-        (1.5 * np.pi, 0.276 * 9.81, 17, 38.0), (0.5 * np.pi, 0.276 * 9.81, 8.2, 41.0),
-        (0.5 * np.pi, 9.81, 11.3, 25.0), (1.5 * np.pi, 9.81, 15.1, 15.6),
-    ):  # fmt: skip
-        found = jv.sweep("hard", frequency=(5, 20, 151), phase=phase, gravity=gravity).jump_height_m
-        assert abs(float(found.idxmax("frequency")) - frequency) < 0.15 and abs(1e3 * float(found.max()) - rise) < 0.1
-        assert f"{frequency} Hz" in page and f"{rise:g} mm" in page
-    assert abs(0.276 * 9.81 - 2.708) < 5e-4 and "2.708" in page
-
-
 def test_what_is_public_is_little_and_each_name_is_told():
     names = [n for n in dir(jv) if not n.startswith("_") and not inspect.ismodule(getattr(jv, n)) and n in jv.__all__]
     assert 20 < len(names) <= 60

@@ -1,18 +1,14 @@
-"""The three pages in Firefox: the jumper (served and as a folder), a report, the workbench; nothing on the console."""
+"""Two pages in Firefox: a report, the workbench; nothing on the console."""
 
 from __future__ import annotations
 
-import json
 import shutil
 import threading
 import time
-from urllib.parse import quote
 
 import pytest
 from conftest import SAMPLES
 
-from jumpvision.browser.demo.server import Server as Demo
-from jumpvision.browser.demo.server import export
 from jumpvision.browser.workbench.server import Server as Workbench
 from jumpvision.cli import main
 
@@ -59,32 +55,6 @@ def until(page, condition, limit=60.0):
     while not page.evaluate(condition):
         assert time.monotonic() < end, f"never came true: {condition}"
         page.wait_for_timeout(30)
-
-
-def text_has(where, what):
-    return f"document.querySelector({json.dumps(where)}).textContent.includes({json.dumps(what)})"
-
-
-@pytest.mark.parametrize("how", ["served", "folder"])
-def test_the_jumper_jumps_and_a_sealed_world_is_judged(how, opened, served, tmp_path):
-    if how == "folder":
-        export(tmp_path / "page")
-        address = (tmp_path / "page" / "index.html").as_uri()
-    else:
-        address = served(Demo(0))
-    page = opened(address)
-    until(page, text_has("#headline", "41.0\u00a0mm"))
-    page.locator("#s-frequency-n").fill("12")
-    until(page, f"!{text_has('#headline', '41.0')}")
-    page.locator("input[value=granular]").check(force=True)
-    until(page, text_has("#headline", "24.1\u00a0mm"))
-    until(page, text_has("#map-note", "36"))
-    world = {"ground": "hard", "set": {}, "task": "sealed", "world": {"n": 0, "laws": []}}
-    page.evaluate("(hash) => { location.hash = hash; }", quote(json.dumps(world)))
-    page.locator("[data-do=record]").click()
-    page.locator("#said").select_option("landing_loss")
-    page.locator("[data-do=open_seal]").click()
-    until(page, text_has("#judged", "Right, and your recordings show it"))
 
 
 def test_a_report_draws_its_figures_and_reads_them(opened, tmp_path):

@@ -20,7 +20,6 @@ import numpy as np
 import pytest
 from numba import njit
 
-from jumpvision.browser.demo import laws as demo
 from jumpvision.engine.laws import javascript
 from jumpvision.engine.laws.compiled import Routine, module
 from jumpvision.engine.laws.derivative import derivative, kinks
@@ -309,10 +308,6 @@ def test_kinks_are_where_a_law_bends():
     (bend,) = kinks(cone.expression.root, "z", (*cone.names, "R", "phi", "rho"))
     assert value(bend, np, {"R": 0.04, "theta": 1.0, "mu": 2.0}) == pytest.approx(0.04 * math.tan(1.0) / 2.0, rel=1e-15)
     assert kinks(MECHANISMS["linear_penetration"].expression.root, "z", ("k",)) == ()
-
-
-def test_the_page_has_the_laws_of_the_package():
-    assert demo.TARGET.read_text("utf-8") == demo.module(), "run python -m jumpvision.browser.demo.laws"
 
 
 def test_a_tree_from_another_process_is_the_same_tree():

@@ -5,8 +5,8 @@ from __future__ import annotations
 import copy
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
-from typing import Any, TypeVar
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -124,8 +124,6 @@ def _build(model: Model, values: dict[str, float], i: int) -> None:
     except InputError as e:
         raise InputError([f"jump {i} of the batch: {problem}" for problem in e.problems]) from None
 
-
-M = TypeVar("M")
 
 VALUES_OF_ROBOT = ("motor_mass", "rod_mass", "stiffness", "damping", "gravity", "landing_loss")
 OF_ROBOT = {
@@ -252,17 +250,3 @@ def simulated_points(model: Model, v: Mapping[str, Array], *, rtol: float, atol:
     if (found["failure"] == FAILURE[CANNOT_CARRY]).any():
         raise ValueError(f"model k2, sigma_cone: {FAILURE[CANNOT_CARRY]}; give larger values")
     return {name: found[name] for name in RESULTS}
-
-
-def until_landed(follow: Callable[[float], tuple[M, Array]], stop: float) -> M:
-    """The motion, followed until a flight has ended after the motor's stop [s], if there is one, or half a minute on.
-
-    follow(end): the motion until `end` [s] and its flights (m, 2): lift-off and landing [s], NaN while in the air.
-    """
-    tail = TAIL
-    while True:
-        motion, flights = follow(stop + tail)
-        airborne = flights.size > 0 and math.isnan(flights[-1, 1])
-        if not airborne or (flights[:, 1] > stop).any() or tail > 30.0:
-            return motion
-        tail *= 2.0

@@ -1,6 +1,8 @@
-import { plain } from "../words.js";
+// What the drawings share: crisp canvases, colours of the theme, numbers as text, ticks, interpolation in time.
+// A true minus, a dash for what is not known.
+export const numberText = (v, digits) => (Number.isFinite(v) ? v.toFixed(digits).replace(/^-(?=0\.?0*$)/, "").replace("-", "−") : "–");
+export const mm = (v) => `${numberText(v * 1e3, 1)}\u00a0mm`;
 
-// What the drawings share: crisp canvases, colours of the theme, ticks, interpolation in time.
 export function context(canvas) {
   const ratio = window.devicePixelRatio || 1, { clientWidth: w, clientHeight: h } = canvas;
   if (canvas.width !== Math.round(w * ratio) || canvas.height !== Math.round(h * ratio)) {
@@ -19,7 +21,7 @@ let theme;
 export function colours() {
   if (!theme) {
     const style = getComputedStyle(document.documentElement);
-    const names = ["ink", "soft", "line", "page", "card", "mark", "bad", "metal", "steel", "floor", "sand", "grain", "jam"];
+    const names = ["ink", "soft", "line", "card", "mark", "metal", "steel", "floor", "sand", "grain", "jam"];
     theme = Object.fromEntries(names.map((n) => [n, style.getPropertyValue(`--${n}`).trim()]));
   }
   return theme;
@@ -34,7 +36,7 @@ export function ticks(lo, hi, n) {
   return out;
 }
 
-export const label = (v) => plain(Number(v.toPrecision(6)));
+export const label = (v) => String(Number(v.toPrecision(6))).replace("-", "−");
 
 // The columns of a motion (equally spaced in time) at the time t.
 export function at(motion, t) {
