@@ -1,4 +1,4 @@
-"""Make the text of api.md (the public names with their docstrings; written when the site is built) and the types of `jv.*`.
+"""Make the text of api.md, the public names with their docstrings, and the types of `jv.*`.
 
 `python docs/reference.py` writes the types, jumpvision/__init__.pyi.
 """
