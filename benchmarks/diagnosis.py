@@ -27,7 +27,6 @@ from jumpvision.experiment.stages.rod import commanded
 from jumpvision.jumper.mechanisms.registry import ModelParameters
 from jumpvision.jumper.physics.forcing import from_motion
 from jumpvision.jumper.physics.model import Model
-from jumpvision.jumper.question.forms import Shaped
 from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.jumps import Jump
 from jumpvision.jumper.question.learning import learn_noise
@@ -112,13 +111,10 @@ def run(case: Case) -> dict[str, Any]:
         out["outcome"] = "false alarm" if found.discrepant else "right"
     else:
         problem, stops = Problem(system, noise, scatter), [j.stop for j in jumps]
-        d = Order(problem, rng, by=("kind",), stops=stops, shapes=Shaped).all()
+        d = Order(problem, rng, by=("kind",), stops=stops).all()
         data = diagnosis_of(d, learned)
         out |= {"p": data.p_value, "named": "+".join(data.named), "status": data.status}
         out |= score(data.values, setting.hidden, setting.parameters)
-        out["described"] = list(data.unexplained.terms) if data.unexplained else []
-        if setting.outside and not out["described"]:
-            out["outcome"] = "undescribed" if out["outcome"] == "right" else out["outcome"]
         out["twins"] = data.indistinguishable
         if d.naming:
             wrong = [e for e in d.naming.tried if set(e.mechanisms) != set(case.hidden)]
@@ -187,18 +183,18 @@ def table(rows: list[dict[str, Any]]) -> str:
             lines.append(f"| {name} | {len(mine)} | {sum(r['outcome'] == 'false alarm' for r in mine)} |")
     lines += [
         "",
-        "| hidden | campaigns | right | of them a declared twin | missed | wrong or in part | not described | failed |",
-        "|---|---|---|---|---|---|---|---|",
+        "| hidden | campaigns | right | of them a declared twin | missed | wrong or in part | failed |",
+        "|---|---|---|---|---|---|---|",
     ]
-    named = {"one": "one mechanism", "two": "two at once", "outside": "of no vocabulary: said so, and described"}
+    named = {"one": "one mechanism", "two": "two at once", "outside": "of no vocabulary: said so"}
     for key, title in named.items():
         mine = [r for r in rows if r["table"] == key]
-        known = ("right", "twin", "missed", "wrong", "partly", "undescribed")
+        known = ("right", "twin", "missed", "wrong", "partly")
         count = {o: sum(r["outcome"] == o for r in mine) for o in known}
         if mine:
             lines.append(
                 f"| {title} | {len(mine)} | {count['right'] + count['twin']} | {count['twin']} | {count['missed']} "
-                f"| {count['wrong'] + count['partly']} | {count['undescribed']} | {len(mine) - sum(count.values())} |"
+                f"| {count['wrong'] + count['partly']} | {len(mine) - sum(count.values())} |"
             )
     one = [r for r in rows if r["table"] == "one"]
     lines += [

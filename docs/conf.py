@@ -18,7 +18,7 @@ PARTS = {  # of the site; all but the last are at most 15,000 words together (te
     "Begin": ["samples", "tutorial", "workbench", "notebook", "bring_your_own_data", "glossary"],
     "Only match pictures": ["velocity_fields"],
     "Only track": ["tracking"],
-    "Test a simulation": ["diagnosis", "experimenter", "any_simulator"],
+    "Test a simulation": ["diagnosis", "any_simulator"],
     "Jumping robots": ["planning", "demo", "report"],
     "Reference": [
         "commands", "scale", "keys", "api", "files", "stages", "physics", "figures", "hard_ground", "granular", "dem",

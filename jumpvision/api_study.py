@@ -77,16 +77,16 @@ def isolable(
     Example: jv.isolable([jv.Recording("slow", t, np.full(t.size, np.nan), {"start": 0.3})], study)
     """
     if study is not None:
-        from jumpvision.engine.study.isolable import isolable as of_study
+        from jumpvision.engine.worth.isolable import weigh_planned
 
-        return of_study(_recordings(asked, study, "isolable"), study, How(workers or 0))
+        return weigh_planned(_recordings(asked, study, "isolable"), study, How(workers or 0))
     if not _is_folder(asked):
         raise InputError(["isolable: recordings need the study that simulates them: jv.isolable(recordings, study)"])
     from jumpvision.api import open as opened
     from jumpvision.experiment.campaign.folder import as_campaign
-    from jumpvision.experiment.campaign.isolable import isolable as of_campaign
+    from jumpvision.experiment.campaign.offers import weigh_declared
 
-    return of_campaign(as_campaign(opened(asked) if isinstance(asked, str | os.PathLike) else asked), workers or 1)
+    return weigh_declared(as_campaign(opened(asked) if isinstance(asked, str | os.PathLike) else asked), workers or 1)
 
 
 def _is_folder(asked: Any) -> TypeGuard[Experiment | Campaign | PathLike]:

@@ -44,5 +44,5 @@ def diagnosis(**parts: Any) -> Diagnosis:
     rows = ("where", "heights", "causes", "named", "indistinguishable", "common", "energy", "confirmation",
             "detectable", "selection")  # fmt: skip
     nothing |= dict.fromkeys(rows, ())
-    nothing |= dict.fromkeys(("closest", "unexplained", "gain", "next_experiment", "confirmed", "priors"))
+    nothing |= dict.fromkeys(("closest", "gain", "next_experiment", "confirmed", "priors"))
     return Diagnosis(**nothing | parts)

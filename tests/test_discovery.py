@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from diagnosis_sample import diagnosis
-from test_unexplained import campaign
 
 from jumpvision.engine.detect import detect, directions
 from jumpvision.engine.discovery import Laws
@@ -20,19 +20,50 @@ from jumpvision.experiment.campaign.model_file import model_toml
 from jumpvision.experiment.inputs.model import read_model
 from jumpvision.jumper.mechanisms.own import acts_on, bare, parameters_with, read_own
 from jumpvision.jumper.mechanisms.registry import MECHANISMS, ModelParameters
+from jumpvision.jumper.physics.forcing import sinusoid
 from jumpvision.jumper.physics.model import Model
 from jumpvision.jumper.question.discovered import JumperForms, JumperLaw
 from jumpvision.jumper.question.forms import forms
+from jumpvision.jumper.question.jumper import Jumper
+from jumpvision.jumper.question.jumps import Jump
 from jumpvision.jumper.question.learning import learn_noise
 from jumpvision.jumper.question.words import words_of
+from jumpvision.laboratory.jumper import Law, Robot, motion_of
 
 TRUE = 300.0  # N s/m^2, of a drag in proportion to depth and speed
+ROBOT = Robot(1.125, 0.175, 0.04, 3300.0, 1.2, 0.0381, 9.81)
+TERMS = ("two_resistance", "inertial_drag")
+BED = {"k1": 2100.0, "k2": 1500.0, "delta": 0.012, "alpha": 40.0}
+NOISE, AMPLITUDE, START = 5e-5, 0.0125, 0.1  # m, m, s
+
+
+def campaign(rng: np.random.Generator) -> Jumper:
+    """Two trials each of four jumps of the laboratory, questioned with the model less the hidden drag."""
+    model = Model(
+        "granular", TERMS, ModelParameters(**BED), motor_mass=ROBOT.motor_mass, rod_mass=ROBOT.rod_mass,
+        foot_mass=ROBOT.foot_mass, spring_stiffness=ROBOT.spring_stiffness, spring_damping=ROBOT.spring_damping,
+        gravity=ROBOT.gravity, foot_radius=ROBOT.foot_radius, volume_fraction=0.57, grain_density=1000.0,
+    )  # fmt: skip
+    jumps, t = [], np.arange(0.0, 0.6, 0.002)
+    for kind, phase in (("single", 1.5 * math.pi), ("stutter", 0.5 * math.pi)):
+        for f in (6.0, 9.0):
+            true = motion_of(
+                ROBOT, Law(f, AMPLITUDE, phase, START), (*TERMS, "depth_rate_drag"), {**BED, "d_zv": TRUE},
+                ground="granular", duration=0.6, bed_density=570.0, dt=5e-6, every=100,
+            )  # fmt: skip
+            height, law = np.interp(t, true.t, true.rod) - true.rest, sinusoid(f, AMPLITUDE, phase, 1.0, START)
+            for k in range(2):
+                y, name = height + rng.normal(0.0, NOISE, t.size), f"{kind} {f}"
+                jumps.append(
+                    Jump(f"{name} {k}", model, law, START + 1 / f, t, y, name, name, True, labels={"kind": kind})
+                )
+    return Jumper(jumps, {"k1": (500.0, 6000.0), "alpha": (0.0, 300.0)}, {}, 2)
 
 
 @pytest.fixture(scope="module")
 def found() -> tuple[JumperLaw, Problem]:
     rng = np.random.default_rng(5)
-    learned = learn_noise(campaign("granular", {"d_zv": TRUE}, "depth_rate_drag", rng))
+    learned = learn_noise(campaign(rng))
     system = learned.system
     problem = Problem(system, learned.noise, learned.scatter)
     base = fit_baseline(problem, rng)

@@ -30,7 +30,6 @@ from jumpvision.thesis.studies.study import Sweep, studies
 
 DOCS = ROOT / "docs"
 BLOCK = re.compile(r"<!-- (.*?) -->\n```(bash|toml|python)\n(.*?)```(?:\n+```(toml)\n(.*?)```)?", re.S)
-OFFERED = "test_another_packing_and_a_planned_motion_are_offered_recorded_and_believed"
 ELSEWHERE = {  # commands that take long or wait for somebody: the test that does the same
     "run data_samples/loose_sand --results results/loose_sand":
         "test_samples.test_jump_heights_of_the_campaign_lie_within_their_sigma",
@@ -79,14 +78,6 @@ ELSEWHERE = {  # commands that take long or wait for somebody: the test that doe
         "test_lab_blind.test_the_game_on_disk",
 }  # fmt: skip
 EACH = "test_sweep.test_every_analysis_gives_a_file_a_figure_and_numbers"
-ELSEWHERE |= {
-    "synth blind mystery --seed 7": "test_lab_blind.test_the_game_on_disk",
-    "explore mystery": "test_explore.test_it_tells_twins_apart_and_takes_up_a_killed_call",
-    "explore mystery --laboratory": "test_explore.test_it_tells_twins_apart_and_takes_up_a_killed_call",
-    "explore CAMPAIGN --elsewhere bed.volume_fraction=0.6 --cost elsewhere=3": f"test_explore.{OFFERED}",
-    "explore CAMPAIGN --motion results/plan/plan.csv": f"test_explore.{OFFERED}",
-    "explore mystery --before plan.toml --tell payload=0.01": "test_explore.test_a_planned_protocol_is_read_and_told",
-}
 ON_FOOT = "test_rft.test_simulate_sweep_and_plan_take_any_foot"
 ELSEWHERE |= {
     "rft --shape cone --height 0.03": ON_FOOT,

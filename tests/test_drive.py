@@ -21,7 +21,6 @@ from jumpvision.jumper.physics.energy import energy_ledger
 from jumpvision.jumper.physics.forcing import Loop, Spline, sinusoid
 from jumpvision.jumper.physics.model import Model
 from jumpvision.jumper.physics.sand.jump import Tracks, simulate
-from jumpvision.jumper.question.forms import Shaped
 from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.learning import learn_noise
 from jumpvision.jumper.question.words import diagnosis_of
@@ -179,7 +178,7 @@ def asked(fault: str, size: float, seed: int, step: int):
         jumps[i] = replace(j, y=y - y[j.t < r.jump.law.start].mean())
     learned = learn_noise(Jumper(jumps, fit, priors, workers=1))
     problem = Problem(learned.system, learned.noise, learned.scatter)
-    found = Order(problem, rng, by=("kind",), stops=[j.stop for j in jumps], shapes=Shaped).all()
+    found = Order(problem, rng, by=("kind",), stops=[j.stop for j in jumps]).all()
     return diagnosis_of(found, learned)
 
 

@@ -135,7 +135,7 @@ def test_the_conda_recipe_needs_what_pyproject_does():
     assert f'version: "{project["version"]}"' in recipe
 
 
-@pytest.mark.parametrize("command", ["sweep", "plan", "dem", "rft", "init", "explore", "run"])
+@pytest.mark.parametrize("command", ["sweep", "plan", "dem", "rft", "init", "run"])
 def test_help_of_a_command_says_every_option(command):
     """A group that is None would hide an option."""
     from jumpvision.cli import application

@@ -173,7 +173,7 @@ def test_a_fault_of_size_f_lowers_chi2_by_30_f2(kind):
 
 
 def answer(**changes):
-    none = {"adequate": False, "status": "complete", "named": [], "twins": [], "varies": [], "law": "", "described": []}
+    none = {"adequate": False, "status": "complete", "named": [], "twins": [], "varies": [], "law": ""}
     return none | changes
 
 

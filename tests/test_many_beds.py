@@ -13,7 +13,9 @@ from jumpvision.base.schema import InputError
 from jumpvision.engine.fitting import Problem
 from jumpvision.engine.order import Order
 from jumpvision.experiment.campaign.model_file import model_files
-from jumpvision.jumper.question.jumper import Jumper
+from jumpvision.jumper.mechanisms.registry import ModelParameters
+from jumpvision.jumper.physics.model import Model
+from jumpvision.jumper.question.jumper import Jumper, of_jump
 from jumpvision.jumper.question.learning import learn_noise
 from jumpvision.jumper.question.words import values as values_of
 from jumpvision.laboratory.blind import Nuisance, campaign, draw
@@ -158,3 +160,17 @@ def test_a_lag_of_the_motor_acts_only_where_no_log_says_how_it_moved():
     moved = [float(np.max(np.abs(a - b))) for a, b in zip(plain, lagging)]
     assert all((m > 1e-4) == (k % 2 == 0) for k, m in enumerate(moved)), moved
     assert "motor_lag" not in Jumper([replace(j, law=False) for j in jumps], fit, priors).candidates
+
+
+def test_a_force_that_no_model_declares_grows_with_the_foot():
+    """Fitted of the first foot, alpha of a foot of half the radius is a quarter; what a model declares is its own."""
+    robot = {"motor_mass": 1.1, "rod_mass": 0.175, "spring_stiffness": 5000.0, "spring_damping": 1.4, "gravity": 9.81}
+    base = Model(
+        "granular", ("two_resistance", "inertial_drag"), ModelParameters(k1=2200.0, k2=2200.0, delta=0.012, alpha=60.0),
+        foot_mass=0.04, foot_radius=0.016, **robot,
+    )  # fmt: skip
+    own = replace(base, terms=("two_resistance",), foot_radius=0.008, parameters=replace(base.parameters, alpha=None))
+    fitted = replace(base, parameters=replace(base.parameters, alpha=80.0))
+    assert of_jump(fitted, own, {"alpha": 80.0}).parameters.alpha == pytest.approx(20.0)
+    declared = replace(base, foot_radius=0.008)
+    assert of_jump(fitted, declared, {"alpha": 80.0}).parameters.alpha == 80.0

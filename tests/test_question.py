@@ -17,7 +17,7 @@ from benchmarks.diagnosis import Case, run
 from jumpvision.base.record import RecordError
 from jumpvision.cli import main, terminal
 from jumpvision.engine.document.diagnosis import Diagnosis
-from jumpvision.engine.document.values import Closest, Discovered, Estimated, Gain, Height, LeftOver, Unexplained
+from jumpvision.engine.document.values import Closest, Discovered, Estimated, Gain, Height, LeftOver
 from jumpvision.experiment.inputs.experiment import open_campaign
 from jumpvision.jumper.question.words import sentence
 
@@ -120,15 +120,14 @@ def test_the_sentence_says_what_a_named_mechanism_leaves():
     tops = [
         Height(str(k), "single", 6.0, 0.0, None, 0.050 + d, 2e-5, 0.052, math.nan) for k, d in enumerate((-1e-4, 1e-4))
     ]
-    left = Unexplained(("v_m*x_r",), {}, 0.9, "rod: |x_r| 0-9 mm")
-    d = diagnosis(named=("coulomb_friction",), heights=tuple(tops), unexplained=left, status="partial",
-                  left_over=LeftOver(1.9, 0.0035, 4.0))  # fmt: skip
+    left = LeftOver(1.9, 0.0035, 4.0, ("jump-3", "jump-9"))
+    d = diagnosis(named=("coulomb_friction",), heights=tuple(tops), status="partial", left_over=left)
     text = sentence(d)
     assert "lacks dry friction on the rail" in text
     assert "in part because it lacks dry friction on the rail, and 0.35 % of the discrepancy (in chi^2) remains" in text
     assert "intervals are 4 times wider for it" in text
-    assert text.endswith("a force like v_m*x_r describes it (rod: |x_r| 0-9 mm).")
-    assert "stays" not in sentence(replace(d, status="complete", left_over=None, unexplained=None))
+    assert text.endswith("; what is left has no simple form: look at jump-3 and jump-9.")
+    assert "remains" not in sentence(replace(d, status="complete", left_over=None))
 
 
 def test_the_sentence_gives_no_zero_for_heights_that_agree():

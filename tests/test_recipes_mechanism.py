@@ -81,7 +81,7 @@ offered = candidates(sand, command_drives=True)
 out["offered"] = {n: [p.name + " " + p.unit for p in offered[n].parameters] for n in ("rail_drag", "bed_damping")}
 out["on hard ground"] = "bed_damping" in candidates(model, command_drives=True)
 heights = [Some(kind="single", simulated_m=0.02 + x, measured_m=0.01) for x in (0, 1e-3)]
-nothing = dict.fromkeys(("gain", "left_over", "unexplained", "discovered"))
+nothing = dict.fromkeys(("gain", "left_over", "discovered"))
 named = dict(named=("rail_drag",), indistinguishable=(), varies=(), p_value=0.0, status="complete", **nothing)
 out["sentence"] = sentence(Some(adequate=False, heights=heights, **named))
 values = dict(c_v=0.0, c_p=200.0, c_a=5.0, lean=0.9, c_u=4.0, t_u=0.02, v_top=0.8, t_top=0.004)

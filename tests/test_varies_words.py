@@ -12,7 +12,7 @@ from diagnosis_sample import diagnosis
 from jumpvision.base.arrays import Z90
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.sentence import sentence as in_words
-from jumpvision.engine.document.values import Closest, LeftOver, Parameter, Pattern, Unexplained, Varies
+from jumpvision.engine.document.values import Closest, LeftOver, Parameter, Pattern, Varies
 from jumpvision.engine.document.varies import varies_in_words
 from jumpvision.engine.document.words import Words
 from jumpvision.jumper.question.words import sentence, words_of
@@ -152,12 +152,6 @@ def test_what_is_not_established_is_not_said():
     said = sentence(d)
     assert "jump-15" not in said
     assert said.endswith("; what is left has no simple form: look at jump-1, jump-2 and jump-3.")
-
-
-def test_generic_forces_are_said_in_its_place_where_they_are_worth_it():
-    left, rate = LeftOver(9.0, 1.0, 1.0, NAMES[:3]), Unexplained(("v*z",), {}, 0.9, "foot")
-    said = sentence(diagnosis(left_over=left, unexplained=rate))
-    assert said.endswith("; a force like v*z would (foot).") and "look at" not in said
 
 
 def test_nothing_likelier_than_chance_has_nowhere_to_look():

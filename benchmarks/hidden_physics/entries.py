@@ -14,7 +14,6 @@ from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.order import Order, fit_baseline, silent
 from jumpvision.engine.worth.gain import Choose
 from jumpvision.jumper.question.discovered import JumperForms
-from jumpvision.jumper.question.forms import Shaped
 from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.jumps import Jump
 from jumpvision.jumper.question.learning import learn_noise
@@ -77,11 +76,11 @@ def ours(task: Task) -> Answer:
         return chosen
 
     laws = lambda p: Laws(p, JumperForms(p.system), silent)  # noqa: E731
-    found = Order(problem, rng, by=("kind",), stops=stops, laws=laws, shapes=Shaped, choosing=kept).all()
+    found = Order(problem, rng, by=("kind",), stops=stops, laws=laws, choosing=kept).all()
     d, law = diagnosis_of(found, learned), found.law
     chances = {c.mechanism: c.probability for c in d.causes}
     intervals = {n: (p.low, p.high) for c in d.causes if c.mechanism in d.named for n, p in c.parameters.items()}
-    described = (law.described.law,) if law else found.left.terms if found.left else ()
+    described = (law.described.law,) if law else ()
     gained = (
         Gained(found.gain.ratio_ci95, lambda jumps: on_others(folds, task, jumps)) if found.gain and folds else None
     )

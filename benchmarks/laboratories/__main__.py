@@ -21,7 +21,6 @@ from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.fitting import Problem
 from jumpvision.engine.order import Order, silent
 from jumpvision.jumper.question.discovered import JumperForms
-from jumpvision.jumper.question.forms import Shaped
 from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.learning import learn_noise
 from jumpvision.jumper.question.words import diagnosis_of
@@ -40,7 +39,7 @@ def asked(task: Task) -> Diagnosis:
     system, stops = learned.system, [j.stop for j in task.jumps]
     problem = Problem(system, learned.noise, learned.scatter)
     laws = lambda p: Laws(p, JumperForms(p.system), silent)  # noqa: E731
-    found = Order(problem, np.random.default_rng(1), by=("kind",), stops=stops, laws=laws, shapes=Shaped).all()
+    found = Order(problem, np.random.default_rng(1), by=("kind",), stops=stops, laws=laws).all()
     return diagnosis_of(found, learned)
 
 
@@ -124,8 +123,8 @@ def report(rows: Sequence[Row]) -> str:
     groups |= {f"on {g} ground": [j for j in part["fault"] if j.truth.ground == g] for g in ("granular", "hard")}
     groups |= {f"trials: {n}": [j for j in part["fault"] if j.truth.trials == n] for n in (1, 2)}
     lines += [f"* {n}: right {right(v)}" for n, v in groups.items() if v]
-    offered = [j for j in part["fault"] if (x := j.row.get("answer")) and (x["law"] or x["described"])]
-    lines.append(f"* a law or a formula offered for a fault: {share(len(offered), len(part['fault']))}")
+    offered = [j for j in part["fault"] if (x := j.row.get("answer")) and x["law"]]
+    lines.append(f"* a law offered for a fault: {share(len(offered), len(part['fault']))}")
     held = [x for j in sized if "answer" in j.row and (x := holds(j.truth, j.row["answer"], j.row["size"])) is not None]
     lines.append(f"* 90 % intervals of what varies hold the truth: {share(sum(held), len(held))} of {len(held)}")
     lines += scatters(part["scatter"])

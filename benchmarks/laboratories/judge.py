@@ -43,7 +43,7 @@ def answer_of(d: Diagnosis) -> Row:
         "adequate": d.adequate, "p": d.p_value, "status": str(d.status), "named": list(d.named),
         "twins": [list(x) for x in d.indistinguishable], "varies": varies,
         "law": d.discovered.law if d.discovered else "", "acts_on": d.discovered.acts_on if d.discovered else "",
-        "described": list(d.unexplained.terms) if d.unexplained else [], "sentence": d.sentence,
+        "sentence": d.sentence,
     }  # fmt: skip
 
 
@@ -143,7 +143,7 @@ def null(t: Truth, a: Row) -> str:
     """right: the scatter is stated; unstated: adequate, but it is not; alarm: something is blamed, or a misfit that
     nothing stated explains."""
     said = [v for v in a["varies"] if v["established"]]
-    false = a["named"] or a["law"] or a["described"] or any(v["kind"] != "scatter" for v in said)
+    false = a["named"] or a["law"] or any(v["kind"] != "scatter" for v in said)
     if false or not (a["adequate"] or a["status"] == "complete"):
         return "alarm"
     return "right" if any(v["kind"] == "scatter" and means(v["parameter"], t) for v in said) else "unstated"

@@ -319,12 +319,12 @@ for _stage in declared().values():
 
 def _isolable(path: Path, options: Options) -> int:
     """What `check --isolable` says."""
-    from jumpvision.experiment.campaign.isolable import NOISE, isolable
+    from jumpvision.experiment.campaign.offers import TRACK_NOISE_M, weigh_declared
 
     from . import terminal
 
-    found = isolable(open_folder(path, options), options.workers or cores())
-    data = {"path": str(path), "isolable": found.rows, "jumps": found.recordings, "noise_m": NOISE}
+    found = weigh_declared(open_folder(path, options), options.workers or cores())
+    data = {"path": str(path), "isolable": found.rows, "jumps": found.recordings, "noise_m": TRACK_NOISE_M}
     terminal.result(data, found.rows, as_json=options.json)
     terminal.line(found.sentence)
     for text in found.left_out:

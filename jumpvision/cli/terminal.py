@@ -6,7 +6,6 @@ import contextlib
 import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -21,7 +20,6 @@ from .progress import line as line
 if TYPE_CHECKING:
     from jumpvision.base.local_page import LocalServer
     from jumpvision.engine.document.diagnosis import Diagnosis
-    from jumpvision.experiment.campaign.explore.history import Round
     from jumpvision.experiment.campaign.folder import Run
     from jumpvision.experiment.inputs.experiment import Campaign
     from jumpvision.experiment.results.values import GeometryValues
@@ -218,23 +216,6 @@ def look_at(made: Sequence[Path]) -> None:
     order = list(SHOWS)
     for f in sorted(made, key=lambda f: order.index(f.suffix) if f.suffix in order else len(order)):
         line(f"look at {f}" + (f"  ({SHOWS[f.suffix]})" if f.suffix in SHOWS else ""))
-
-
-def exploration(round_: Round, folders: Sequence[Path], made: list[Path], as_json: bool) -> None:
-    """What is believed now, what is to be done next, or why nothing is."""
-    causes = sorted(((p, m) for m, p in round_.causes.items()), reverse=True)
-    rows = [{"cause": m, "probability": p} for p, m in causes[:6]]
-    data = {**asdict(round_), "folders": [str(f) for f in folders], "files": [str(f) for f in made]}
-    result(data, rows, as_json=as_json)
-    for text in round_.left_out[:6]:
-        line(f"not compared: {text}")
-    for p in round_.proposed:
-        line(f"next: {p.name} {p.said}; cost {p.cost:g}")
-    if round_.end:
-        line(f"end: {round_.end}")
-    elif folders:
-        line(f"record {', '.join(str(f) for f in folders)}, then run the same command again")
-    line("written: " + ", ".join(str(f) for f in made))
 
 
 def outcome(done: Run, *, as_json: bool, whole: bool = False) -> None:

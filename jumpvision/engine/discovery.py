@@ -150,7 +150,7 @@ class Laws:
                 before=rest.fit,
                 fit=fit,
                 r2=explained(self.problem, base, fit.chi2),
-                stability=wins(whole, [f for f, _ in better], np.random.default_rng(SEED), TOLD),
+                stability=wins(whole, [f for f, _ in better], np.random.default_rng(SEED)),
                 rivals=tuple(f.mechanisms[-1] for f, g in better if f is not fit and abs(g - gained) <= LEVEL),
                 detection=test,
                 gained=gained,
@@ -200,7 +200,7 @@ def discover(
     test = detect(problem, best, directions(problem, best, _listed(problem, forms)), rng)
     if r2 < ENOUGH and test.discrepant:  # what passes leaves noise alone, a large share of a small misfit
         return None
-    stability = wins(problem, [f for f, _ in better], rng, TOLD)
+    stability = wins(problem, [f for f, _ in better], rng)
     return Discovery(best.mechanisms[-1], fit, best, r2, stability, rivals, test, score - limit)
 
 
@@ -263,16 +263,14 @@ def _starts(problem: Problem, fit: Fit, found: Detection, few: Sequence[int]) ->
     return starts
 
 
-def wins(
-    problem: Problem, tried: Sequence[Fit], rng: np.random.Generator, least: float, price: float = 2.0
-) -> dict[str, float]:
+def wins(problem: Problem, tried: Sequence[Fit], rng: np.random.Generator) -> dict[str, float]:
     """How often the last mechanism of each fit is in the best of them when groups of trials are drawn again, the most
-    frequent first, those from a share `least`. price: of a parameter, in chi^2."""
+    frequent first, those from a share TOLD; a parameter costs 2 of chi^2 (Akaike's criterion)."""
     groups: dict[str, list[int]] = {}
     for i, o in enumerate(problem.system.observations):
         groups.setdefault(o.group, []).append(i)
     cost = np.array([[sum(float(f.residuals[i] @ f.residuals[i]) for i in g) for g in groups.values()] for f in tried])
     picks = rng.multinomial(len(groups), np.full(len(groups), 1.0 / len(groups)), DRAWS)
-    total = picks @ cost.T + price * np.array([len(f.parameters) for f in tried])
+    total = picks @ cost.T + 2.0 * np.array([len(f.parameters) for f in tried])
     count = Counter(tried[k].mechanisms[-1] for k in np.argmin(total, axis=1))
-    return {name: n / DRAWS for name, n in count.most_common() if n / DRAWS >= least}
+    return {name: n / DRAWS for name, n in count.most_common() if n / DRAWS >= TOLD}

@@ -1,7 +1,7 @@
 """The whole questioning, in order: look (baseline, test, where), explain (which cause), foretell (what it is worth).
 
-Every system is asked in this order, jumps and studies alike; what only some can be asked (laws of no list, generic
-forces, experiments not yet made) they hand over.
+Every system is asked in this order, jumps and studies alike; what only some can be asked (laws of no list,
+experiments not yet made) they hand over.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jumpvision.engine.document.values import Status, Unexplained
+from jumpvision.engine.document.values import Status
 from jumpvision.engine.noise.noise import Noise
 
 from .detect import Cell, Detectable, Detection, detect, detectable, directions, locate
@@ -25,7 +25,6 @@ from .worth.gain import Choose, Gain, among, begun_at, gain
 
 if TYPE_CHECKING:  # imported where they are asked for: most questions end before
     from .discovery import Law, Laws
-    from .unexplained import Shapes
     from .vary.explain import Scattered, Varies, Wider
     from .vary.odd import Odd
     from .worth.design import Proposal
@@ -38,7 +37,7 @@ FEWEST = 4  # recordings among which one can be odd
 SCATTERED = 20  # sets that are fitted anew with one value in all of what scatters
 ALONE = 2  # single mechanisms beside which what varies is asked for anew
 SURE = 0.003  # chance below which a pattern over recordings counts where the other looks see nothing
-SEED, LAW_SEED, VARY_SEED = 1, 2, 3  # of the look at generic forces, of the folds that judge a law, of what varies
+LAW_SEED, VARY_SEED = 2, 3  # of the folds that judge a law, of what varies
 
 Say = Callable[[str], None]
 
@@ -50,9 +49,8 @@ class Findings:
     varies: what was taken for constant and is not. problem: that these findings are of, where it is
     not the one that was looked at.
 
-    law: of no list, that explains what the vocabulary does not; left: generic forces that describe it where there is
-    none, None where nothing asks for them. detectable: of every mechanism that is not named, the strength that would
-    have shown.
+    law: of no list, that explains what the vocabulary does not. detectable: of every mechanism that is not named, the
+    strength that would have shown.
     """
 
     noise: Noise
@@ -61,7 +59,6 @@ class Findings:
     where: list[Cell]
     naming: Naming | None = None
     law: Law | None = None
-    left: Unexplained | None = None
     gain: Gain | None = None
     extrapolation: dict[str, Gain] | None = None
     next_experiment: Proposal | None = None
@@ -100,9 +97,9 @@ class Order:
     """The steps of a questioning. What is handed over besides the problem:
 
     by: labels of the observations to report by; None: where the misfit lies is not asked. stops: time after which each
-    observation's apex counts [s]. laws: makes the search for a law of no list. shapes: makes generic forces.
-    offered: experiments that could be made. choosing: of how a fold, where a gain is judged, chooses its model. say:
-    is told what is being done. reached: is given what is found so far, for whoever may have to stop.
+    observation's apex counts [s]. laws: makes the search for a law of no list. offered: experiments that could be
+    made. choosing: of how a fold, where a gain is judged, chooses its model. say: is told what is being done. reached:
+    is given what is found so far, for whoever may have to stop.
     """
 
     problem: Problem
@@ -110,7 +107,6 @@ class Order:
     by: Sequence[str] | None = ()
     stops: Sequence[float] | None = None
     laws: Callable[[Problem], Laws] | None = None
-    shapes: Callable[[Any], Shapes] | None = None
     offered: Offer | None = None
     choosing: Callable[[Choose], Choose] = lambda choose: choose
     say: Say = silent
@@ -357,8 +353,8 @@ class Order:
         return fits
 
     def beyond(self, d: Findings) -> Findings:
-        """What is named, with what describes the rest: a law of no list, else generic forces; nothing where nothing is
-        left, or where no cause is likelier than chance."""
+        """What is named, with a law of no list that describes the rest, if something is left and a cause is likelier
+        than chance."""
         n = d.naming
         if n is None or n.by_chance or (d.varies and (d.varies.aside or (d.complete and d.varies.scatter))):
             return d
@@ -367,16 +363,7 @@ class Order:
         law = self._laws.law(d.baseline, n) if self._laws else None
         if law and n.named and n.best.fit.chi2 < HALVED * law.fit.chi2:
             law = None  # beside named causes a law of no list that leaves nearly as much explains nothing
-        return replace(d, law=law) if law else replace(d, left=self._generic(d.baseline, n))
-
-    def _generic(self, base: Fit, n: Naming) -> Unexplained | None:
-        if self.shapes is None:
-            return None if n.named else Unexplained()
-        self.say("no mechanism explains all of it: describing what is left by generic forces")
-        rng = np.random.default_rng(SEED)
-        from .unexplained import unexplained
-
-        return unexplained(self.problem, [base, n.best.fit], self.shapes(self.problem.system), rng) or Unexplained()
+        return replace(d, law=law)
 
     def foretell(self, d: Findings) -> Findings:
         """What is explained, with its gain on conditions held out, the next experiment, what might yet be hidden."""

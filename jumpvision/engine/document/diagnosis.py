@@ -45,7 +45,6 @@ from .values import (
     Status,
     Suggested,
     Trace,
-    Unexplained,
     Varies,
     Verdict,
     WithoutFilms,
@@ -88,7 +87,7 @@ class Diagnosis(Record):
     detectable: tuple[Detectable, ...]
     indistinguishable: tuple[tuple[str, ...], ...]
     closest: Closest | None
-    unexplained: Unexplained | None
+    unexplained: None = None  # the key stays for one release
     extended_model: Model
     gain: Gain | None
     selection: tuple[Selection, ...]
@@ -269,7 +268,7 @@ def _json(value: object) -> object:
 
 def _read(kind: Any, value: Any) -> Any:
     """A value of the file as the type that a field declares."""
-    if value is None:
+    if value is None or kind is type(None):
         return math.nan if kind is float else None
     inner = [k for k in get_args(kind) if k is not type(None)]
     if is_dataclass(kind):

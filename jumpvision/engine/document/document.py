@@ -99,7 +99,6 @@ def document(d: Findings, speaker: Speaker, stopped: str = "") -> Diagnosis:
         detectable=detectable(d),
         indistinguishable=twins(n.twins, called) if n else (),
         closest=closest(d, speaker),
-        unexplained=d.left if d.left and d.left.terms else None,
         extended_model=speaker.model(d.best),
         gain=gain(d.gain, speaker) if extended and d.gain else None,
         selection=tuple(record.Selection(tuple(called.get(m, m) for m in s), k) for s, k in d.gain.selection)

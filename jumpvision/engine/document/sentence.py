@@ -58,7 +58,7 @@ def _more(d: Diagnosis) -> str:
         much = f"{said(share, '.2g', 100.0)} % of the discrepancy (in chi^2)"
     elif math.isfinite(share):  # about what scatters: nothing else explains any of it
         much = f"a discrepancy (p = {said(d.p_value, '.2g')})"
-    return f"{much} remains beyond the noise{_left(d, 'describes it')}"
+    return f"{much} remains beyond the noise{_left(d)}"
 
 
 def _not_constant_alone(d: Diagnosis, words: Words) -> str:
@@ -69,10 +69,8 @@ def _not_constant_alone(d: Diagnosis, words: Words) -> str:
     return "In addition, no mechanism explains the rest" + law_in_words(d.discovered, words, "does")
 
 
-def _left(d: Diagnosis, does: str) -> str:
-    """What describes what is left, else where to look."""
-    if d.unexplained and d.unexplained.terms:
-        return _generic(d, does)
+def _left(d: Diagnosis) -> str:
+    """Where to look for what is left."""
     if not (d.left_over and d.left_over.look_at):
         return ""
     lies = f"; {d.left_over.where}" if d.left_over.where else ""
@@ -81,7 +79,7 @@ def _left(d: Diagnosis, does: str) -> str:
 
 def _unnamed(d: Diagnosis, words: Words) -> str:
     left_to_see = d.left_over and d.left_over.look_at
-    if not (d.discovered or d.closest or d.unexplained or left_to_see):
+    if not (d.discovered or d.closest or left_to_see):
         return f", by so little (p = {said(d.p_value, '.2g')}) that no cause is more likely than chance"
     text = f", and no mechanism of the {words.vocabulary} explains all that it gets wrong"
     if d.discovered:
@@ -94,7 +92,7 @@ def _unnamed(d: Diagnosis, words: Words) -> str:
             f" and leaves {words.size(near.rmse_track_m)}" if math.isfinite(near.rmse_track_m) else " and leaves more"
         )
         text += f"{left}, beyond the noise"
-    return text + _left(d, "would")
+    return text + _left(d)
 
 
 def _named(d: Diagnosis, words: Words) -> str:
@@ -112,7 +110,7 @@ def _named_rest(d: Diagnosis, words: Words) -> str:
         text += f", and {share} % of the discrepancy (in chi^2) remains beyond the noise, unexplained"
         if WIDER < (wider := d.left_over.widened) < math.inf:
             text += f" (intervals are {said(wider, '.2g')} times wider for it)"
-        text += _left(d, "describes it")
+        text += _left(d)
     text += _twins(d, words)
     if d.gain and 0.0 < d.gain.ratio < math.inf:
         it = "it" if len(d.named) == 1 else "them"
@@ -138,14 +136,6 @@ def law_in_words(law: record.Discovered, words: Words, does: str) -> str:
         return text
     text += ", and it is active: it gives energy to what moves"
     return text + (", as a motor does or a resistance weaker than the model's" if law.part_passive else "")
-
-
-def _generic(d: Diagnosis, does: str) -> str:
-    """What generic forces describe, in words; "" where it is nothing."""
-    left = d.unexplained
-    if not (left and left.terms):
-        return ""
-    return f"; a force like {' + '.join(left.terms)} {does} ({left.where})"
 
 
 def contradictions(d: Diagnosis, apart: tuple[str, str]) -> str | None:

@@ -326,27 +326,6 @@ class Closest:
 
 
 @dataclass(frozen=True)
-class Coefficient:
-    """Strength of a generic force."""
-
-    value: float
-    sigma: float
-    unit: str
-
-
-@dataclass(frozen=True)
-class Unexplained:
-    """Generic forces that describe what no mechanism explains; as it stands here, that none does."""
-
-    terms: tuple[str, ...] = ()
-    coefficients: Mapping[str, Coefficient] | None = field(default=None, metadata=OPTIONAL)
-    r2: float = 0.0
-    where: str = "no generic force describes it"
-    beside: tuple[str, ...] | None = field(default=None, metadata=OPTIONAL)
-    stability: Mapping[str, float] | None = field(default=None, metadata=OPTIONAL)
-
-
-@dataclass(frozen=True)
 class Estimated:
     """A value with its standard uncertainty, 0 for a constant."""
 

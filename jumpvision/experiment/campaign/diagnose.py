@@ -32,21 +32,20 @@ from jumpvision.experiment.workflow.run import Outcome
 from jumpvision.experiment.workflow.stage import StageWarning
 from jumpvision.jumper.mechanisms.record import Mechanism
 from jumpvision.jumper.question.discovered import JumperForms
-from jumpvision.jumper.question.forms import Shaped
 from jumpvision.jumper.question.jumper import Jumper, content
 from jumpvision.jumper.question.jumps import Jump
 from jumpvision.jumper.question.learning import Learned, learn_noise
 from jumpvision.jumper.question.suggest import suggested
 from jumpvision.jumper.question.words import Beside, diagnosis_of, values, words_of
 
-from .explore.offers import Way, offer, usual
 from .films import Film, confirmation, energies, films
 from .jumps import load_jumps, measurements, questioned, spec_of
 from .mend import written
 from .model_file import model_files
+from .offers import offer, usual
 
 SEED = 1  # of the simulated noise: the same data give the same answer
-VERSION = 19  # of the method: another one asks again
+VERSION = 20  # of the method: another one asks again
 STAGE = "diagnose"
 
 Say = Callable[[str], None]
@@ -243,7 +242,6 @@ def _answer(asked: Question, begun: Begun, draw: Draw, say: Say) -> Answer:
     system = learned.system
     problem = Problem(system, learned.noise, learned.scatter, asked.measured)
     driven = [a for e in asked.experiments if (a := e.section(Actuation)) is not None and a.moves]
-    ways = [Way(law) for law in usual(driven)]
 
     def laws(p: Problem) -> Laws:
         assert isinstance(p.system, Jumper)
@@ -255,8 +253,7 @@ def _answer(asked: Question, begun: Begun, draw: Draw, say: Say) -> Answer:
         by=BY,
         stops=[j.stop for j in asked.jumps],
         laws=laws,
-        shapes=Shaped,
-        offered=lambda: offer(problem, system, ways, asked.ranges, asked.priors, asked.own),
+        offered=lambda: offer(problem, system, usual(driven), asked.ranges, asked.priors, asked.own),
         say=say,
     )
     found = order.explain(begun.found)

@@ -205,63 +205,14 @@ def _instruments() -> list[Mechanism]:
     ]
 
 
-def shape_name(acts_on: str, i: int, j: int) -> str:
-    """Such as `v*z^2`, `a*z`, `v_m*x_r`."""
-    q, rate = {"carriage": ("x_r", "v_m"), "foot_mass": ("z", "a")}.get(acts_on, ("z", "v"))
-    powers = [f"{n}^{p}" if p > 1 else n for n, p in ((rate, j), (q, i)) if p > 0]
-    return "*".join(powers) if j else "*".join([f"sign({rate})", *powers])
-
-
-def _shape(acts_on: str, i: int, j: int, weight: float) -> Mechanism:
-    """A force r |q|^i |rate|^j against the motion, or a mass r z^i; each with one number, its strength."""
-    size = SHARE * weight / (DEPTH**i * (30.0 if acts_on == "foot_mass" else SPEED**j))
-    q, rate = ("x_r", "v_m") if acts_on == "carriage" else ("z", "v")
-    text = f"r * abs({q})**{i}" if acts_on == "foot_mass" else f"-r * sign({rate}) * abs({q})**{i} * abs({rate})**{j}"
-    powers = (("m", -i), ("s", 0)) if acts_on == "foot_mass" else (("m", -i - j), ("s", j))
-    unit = "kg" if acts_on == "foot_mass" else "N"
-    unit = " ".join([unit, *(u if p == 1 else f"{u}^{p}" for u, p in powers if p)])
-    strength = drawn("r", 0.0, -1e3 * size, 1e3 * size, unit, scale=size)
-    return mechanism(shape_name(acts_on, i, j), acts_on, text, [strength])
-
-
-class Shaped:
-    """A system of jumps that has generic forces beside its vocabulary, one number each: what `unexplained` tells.
-
-    On the foot while it intrudes, and on the carriage, against the motion: |q|^i |rate|^j, i and j of 0, 1, 2; a mass
-    that moves with the foot: z^i.
-    """
-
-    def __init__(self, jumper: Jumper) -> None:
-        model, powers = jumper.model, (0, 1, 2)
-        bodies = ("foot", "carriage") if model.ground == "granular" else ("carriage",)
-        weight = model.M * model.g
-        own = [_shape(on, i, j, weight) for on in bodies for j in powers for i in powers]
-        own += [_shape("foot_mass", i, 1, weight) for i in powers if model.ground == "granular"]
-        self.jumper = jumper.considering(own)
-        self.shapes = {m.name: m for m in own}
-        self.candidates, self.baseline, self.observations = (
-            self.jumper.candidates,
-            self.jumper.baseline,
-            self.jumper.observations,
-        )
-        self.predict, self.scatter, self.workers = self.jumper.predict, self.jumper.scatter, self.jumper.workers
-
-    def reach(self, shape: str, mechanisms: tuple[str, ...], values: Mapping[str, float]) -> str:
-        """Where in depth and speed the shape acted: the range that holds nine tenths of the samples, in words."""
-        seen = seen_by(self.jumper, self.shapes[shape], mechanisms, values, 0.05)
-        q, v = ("x_r", "v_m") if "v_m" in seen else ("z", "v") if "v" in seen else ("z", "z")
-        at = f"{q} {1e3 * seen[q][0]:.0f} to {1e3 * seen[q][1]:.0f} mm, {v} {seen[v][0]:.2f} to {seen[v][1]:.2f} m/s"
-        return f"{'rail' if q == 'x_r' else 'foot'}: {at}"
-
-
 def seen_by(
-    jumper: Jumper, form: Mechanism, mechanisms: tuple[str, ...], values: Mapping[str, float], tail: float = 0.0
+    jumper: Jumper, form: Mechanism, mechanisms: tuple[str, ...], values: Mapping[str, float]
 ) -> dict[str, tuple[float, float]]:
-    """Range of every argument of a form's body that a model's motions reached, less a share `tail` at both ends."""
+    """Range of every argument of a form's body that a model's motions reached."""
     found: dict[str, list[Array]] = {}
     for jump in jumper.jumps:
         model = jumper.model_of(jump, mechanisms, values)
         for n, x in arguments(jumper._motion(jump, model, jump.t), form.acts_on).items():
             found.setdefault(n, []).append(x)
-    each = {n: np.quantile(np.concatenate(parts), (tail, 1.0 - tail)) for n, parts in found.items()}
-    return {n: (float(low), float(high)) for n, (low, high) in each.items()}
+    whole = {n: np.concatenate(parts) for n, parts in found.items()}
+    return {n: (float(x.min()), float(x.max())) for n, x in whole.items()}

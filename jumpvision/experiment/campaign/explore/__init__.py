@@ -1,1 +1,0 @@
-"""The next experiments of a campaign: offered, chosen, handed over, taken in again, and when to stop."""
