@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from jumpvision.base.threads import at_most
-from jumpvision.jumper.mechanisms.cone import cone_mass
 from jumpvision.jumper.mechanisms.registry import ModelParameters
 from jumpvision.jumper.physics.batch import jump_batch
 from jumpvision.jumper.physics.energy import energy_ledger
@@ -29,11 +28,8 @@ from jumpvision.jumper.physics.forcing import Segments, sinusoid
 from jumpvision.jumper.physics.hard.jump import sine_rows
 from jumpvision.jumper.physics.model import Model
 from jumpvision.jumper.physics.sand.jump import equilibrium, simulate
+from tests.worlds.sand import EVERYTHING, ROBOT, random_values
 
-ROBOT = {
-    "motor_mass": 1.125, "rod_mass": 0.175, "foot_mass": 0.04, "spring_stiffness": 3300.0, "spring_damping": 1.2,
-    "gravity": 9.81, "foot_radius": 0.0381, "volume_fraction": 0.57, "grain_density": 1000.0,
-}  # fmt: skip
 P = ModelParameters(k1=2100.0, k2=1500.0, delta=0.009, C=2.7, mu=2.0, b=17.2, alpha=73.0)
 CONE = Model("granular", ("two_resistance", "depth_drag", "added_mass"), P, **ROBOT)
 MODELS = {"cone": CONE, "alpha v^2": Model("granular", ("two_resistance", "inertial_drag"), P, **ROBOT)}
@@ -42,10 +38,8 @@ AIR, REST, INTRUDE = range(3)
 SLACK = 1e-8  # N beyond a threshold of force, so that a mode begins with an acceleration of definite sign
 
 
-def scipy_track(
-    model: Model, law: Segments, t: NDArray, rtol: float, left: float = 0.0, slowest: float = 1.0
-) -> NDArray:
-    """Rod height at t (n,) by solve_ivp, mode by mode; left / max(|v|, slowest) [kg] more added mass."""
+def scipy_track(model: Model, law: Segments, t: NDArray, rtol: float) -> NDArray:
+    """Rod height at t (n,) by solve_ivp, mode by mode."""
     p, R, rho = model.parameters, ROBOT["foot_radius"], ROBOT["volume_fraction"] * ROBOT["grain_density"]
     M, m_f, k, c, g = model.M, model.m_f, model.k_s, model.c_s, model.g
     tan, ratio = math.tan(p.theta), model.m_m / model.M
@@ -72,7 +66,6 @@ def scipy_track(
         if mode == REST:
             return s[1], a_r, 0.0, 0.0
         m_a, slope = cone(-s[2])
-        m_a += left / max(abs(s[3]), slowest)
         return s[1], a_r, s[3], (static(-s[2]) + (alpha + b * slope) * s[3] ** 2 - F - m_f * g) / (m_f + m_a)
 
     def landing(t: float, s: NDArray, mode: int, on: bool, deep: float) -> float:
@@ -177,66 +170,12 @@ def one_more(model: Model, count: int, repeats: int, seed: int) -> str:
     return "\n".join(out)
 
 
-def random_values(rng: np.random.Generator, n: int) -> dict[str, NDArray]:
-    """Random robots and beds, heavy feet, strong drag and soft ground among them."""
-    ranges = {
-        "k1": (500, 20000), "k2": (300, 20000), "delta": (0, 0.03), "alpha": (0, 300), "b": (0.5, 40), "C": (0, 6),
-        "mu": (1, 4), "theta": (0.3, 1.4), "s": (0, 4000), "s_p": (0, 4000), "lam": (5e-4, 2e-2), "factor": (0.5, 2),
-        "motor_mass": (0.3, 3), "rod_mass": (0.05, 1), "foot_mass": (0.003, 0.5), "spring_stiffness": (500, 20000),
-        "spring_damping": (0, 10), "gravity": (1, 20),
-    }  # fmt: skip
-    return {name: rng.uniform(*bounds, n) for name, bounds in ranges.items()}
-
-
 def random_jumps(model: Model, n: int, seed: int) -> dict[str, NDArray]:
     """jump_batch of random values and laws, heavy use of impulses, one to four cycles."""
     rng = np.random.default_rng(seed)
     laws = sine_rows(rng.uniform(2, 20, n), rng.uniform(1e-3, 0.03, n), rng.uniform(0, 2 * math.pi, n),
                      rng.integers(1, 5, n).astype(float))  # fmt: skip
     return jump_batch(model, laws, **random_values(rng, n))
-
-
-SHARES, SLOWEST = (0.03, 0.1, 0.3), (1e-2, 1e-3)  # of the greatest momentum; m/s
-SLOW = np.array([4.0, 5.0, 6.0, 7.0, 8.0, 10.0])  # Hz
-
-
-def singularity() -> None:
-    """A jump whose added mass is P/v as measured, with a momentum P that outlasts the foot, beside the masked one."""
-    model = dataclasses.replace(CONE, parameters=dataclasses.replace(P, k2=P.k1))
-    cone = {n: model.symbol(n) for n in ("C", "mu", "theta", "R", "phi", "rho")}
-    print("\nAdded mass P/|v| kept down to a foot speed, where the grains still carry a share of the jump's greatest "
-          "momentum, against the singularity masked: change of the height of the best jump, and the largest of any "
-          f"at {', '.join(f'{f:g}' for f in SLOW)} Hz.\n")  # fmt: skip
-    print("| jump | best masked [mm] | momentum left | kept down to [mm/s] | best [mm] | largest change [mm] |")
-    print("|---|---|---|---|---|---|")
-    for name, phase in (("single", 1.5), ("stutter", 0.5)):
-        laws = [sinusoid(float(f), A, phase * math.pi) for f in SLOW]
-        times = [np.linspace(0.0, law.stop + 0.6, 2001) for law in laws]
-        momentum = []
-        for law, t in zip(laws, times):
-            m = simulate(model, law, t=t, rtol=1e-7, atol=1e-9)
-            mass = cone_mass(np, z=np.maximum(-m.foot, 0.0), **cone) * (m.mode == INTRUDE)
-            momentum.append(float(np.max(mass * np.abs(m.foot_velocity))))
-
-        def heights(share: float, slowest: float, laws=laws, times=times, momentum=momentum) -> NDArray:
-            tracks = [scipy_track(model, law, t, 1e-7, share * p, slowest) for law, t, p in zip(laws, times, momentum)]
-            return 1e3 * np.array([x[t > law.stop].max() - x[0] for x, t, law in zip(tracks, times, laws)])
-
-        masked = heights(0.0, 1.0)
-        for share in SHARES:
-            for slowest in SLOWEST:
-                kept = heights(share, slowest)
-                print(f"| {name} | {masked.max():.2f} | {share:.0%} | {slowest * 1e3:g} | {kept.max():.2f} | "
-                      f"{np.abs(kept - masked).max():.2f} |", flush=True)  # fmt: skip
-
-
-EVERYTHING = Model(
-    "granular",
-    ("two_resistance", "inertial_drag", "depth_drag", "added_mass", "reintrusion_overshoot", "stop_go_overshoot",
-     "compaction"),
-    ModelParameters(k1=2e3, k2=2e3, delta=0.01, alpha=1.0, b=1.0, C=1.0, s=1.0, s_p=1.0, lam=0.01, factor=1.0),
-    **ROBOT,
-)  # fmt: skip
 
 
 def main() -> None:
@@ -278,7 +217,6 @@ def main() -> None:
     for frequency in np.linspace(5, 10, 20):
         books = energy_ledger(EVERYTHING, sinusoid(float(frequency), A, 0.3 + float(frequency)), end=0.8)
         worst = max(worst, abs(books.residual) / books.turnover)
-    singularity()
     print(f"\nThe energy ledger of 20 jumps with all terms closes to {worst:.1e} of its turnover (rtol 1e-9).")
 
 

@@ -30,12 +30,12 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 import jumpvision as jv
+from tests.worlds import axis
+from tests.worlds.axis import cause
+from tests.worlds.bodies import balls as real_balls
+from tests.worlds.bodies import drops
 
-from . import foreign_labs, servo_axis
-from .any_simulator import cause
-from .ball_drops import balls as real_balls
-from .diagnosis_real import drops
-from .servo_axis import sysid
+from .causes import machines
 
 Array = NDArray[np.float64]
 Predict = Callable[[jv.Recording], Array]
@@ -166,13 +166,81 @@ def speed_of(case: Case, r: jv.Recording) -> Array | float:
     return r.inputs.get("speed", np.zeros(len(case.study.channels)))  # type: ignore[return-value]
 
 
+AXIS_XML = """<mujoco><option timestep="0.001" gravity="0 0 0" integrator="implicitfast"/>
+<worldbody><body><joint name="x" type="slide" axis="1 0 0" damping="{}" frictionloss="{}"/>
+<geom size="0.05" mass="{}" contype="0" conaffinity="0"/></body></worldbody>
+<actuator><motor joint="x"/></actuator></mujoco>"""
+
+
+def by_mujoco(of: jv.Recording, by: jv.Recording) -> Array:
+    """A half by mujoco.sysid: the published model's parameters through the whole simulation, by least squares."""
+    import mujoco
+    from mujoco import rollout, sysid
+
+    first = {"mass": (95.1, 80.0, 110.0), "damping": (203.5, 100.0, 300.0), "loss": (20.4, 10.0, 40.0)}
+    first["offset"] = (-3.16, -8.0, 8.0)
+    known = sysid.ParameterDict({n: sysid.Parameter(n, *x) for n, x in first.items()})
+
+    def simulated(x: Array, r: jv.Recording) -> Array:
+        mass, damping, loss, offset = x
+        model = mujoco.MjModel.from_xml_string(AXIS_XML.format(damping, loss, mass))
+        start = np.array([[0.0, r.inputs["q"], r.inputs["v"]]])
+        states, _ = rollout.rollout(model, mujoco.MjData(model), start, (r.inputs["force"] - offset)[None, :, None])
+        return np.concatenate([start[0, 1:2], states[0, :-1, 1]])[::10]
+
+    def residual(x: Array, params: object, **_: object) -> tuple[list[Array], list[Array], list[Array]]:
+        y = simulated(np.ravel(x), by)
+        return [1e3 * (y - by.values)], [y], [by.values]
+
+    found, _ = sysid.optimize(initial_params=known, residual_fn=residual, optimizer="scipy", verbose=False)
+    return simulated(found.as_vector(), of)
+
+
+def sysid() -> bool:
+    """Whether mujoco.sysid is whole: without the packages of mujoco[sysid] it can be imported and is empty."""
+    try:
+        return hasattr(importlib.import_module("mujoco.sysid"), "ParameterDict")
+    except ImportError:
+        return False
+
+
+def by_pysindy(of: jv.Recording, by: jv.Recording) -> Array:
+    """A half by PySINDy: terms of q'' by thresholded least squares on smoothed derivatives; Runge-Kutta at 1 ms."""
+    import pysindy
+    from scipy.signal import savgol_filter
+
+    def forms(x: Array, v: Array, u: Array) -> Array:
+        s = np.tanh(v / 2e-3)  # of the sign of motion
+        return np.stack([np.ones_like(x), u, v, s, np.abs(v), v * np.abs(v), x, x * v, x * s], axis=-1)
+
+    q, force, cut = by.inputs["position"], by.inputs["force"], slice(50, -50)
+    v, a = (savgol_filter(q, 41, 3, deriv=k, delta=1e-3) for k in (1, 2))
+    columns = forms(q, v, force)[cut]
+    size = np.sqrt(np.mean(columns**2, axis=0))
+    optimizer = pysindy.STLSQ(threshold=0.02, alpha=0.0)
+    optimizer.fit(columns / size, a[cut, None])
+    c = np.ravel(optimizer.coef_) / size
+
+    def rate(s: Array, u: float) -> Array:
+        return np.array([s[1], forms(s[0], s[1], u) @ c])
+
+    s, out, h = np.array([of.inputs["q"], of.inputs["v"]]), [], 1e-3
+    for u in of.inputs["force"]:
+        out.append(s[0])
+        k1 = rate(s, u)
+        k2 = rate(s + 0.5 * h * k1, u)
+        k3 = rate(s + 0.5 * h * k2, u)
+        s = s + h / 6 * (k1 + 2 * k2 + 2 * k3 + rate(s + h * k3, u))
+    return np.array(out)[::10]
+
+
 # ------------------------------------------------------------------------------------------------------------ the cases
 def servo(real: Path) -> Case:
-    halves, study = servo_axis.strokes(real / "emps"), servo_axis.servo()
+    halves, study = axis.strokes(real / "emps"), axis.servo()
     of, by = halves[1], halves[0]
-    others: dict[str, Predict] = {"PySINDy": lambda r: servo_axis.by_pysindy(r, by)[:, None]}
+    others: dict[str, Predict] = {"PySINDy": lambda r: by_pysindy(r, by)[:, None]}
     if sysid():
-        others["mujoco.sysid"] = lambda r: servo_axis.by_mujoco(r, by)[:, None]
+        others["mujoco.sysid"] = lambda r: by_mujoco(r, by)[:, None]
     plain = replace(study, channels=[jv.Channel("position", "m", noise=1e-3)])
     return Case(plain, [by], [of], "mm", 1e3, others=others)
 
@@ -251,7 +319,7 @@ def balls(real: Path) -> Case:
         simulate,
         [jv.Parameter("g", 9.81, sigma=0.2, unit="m/s^2")],
         [cause("air_drag", "drag", (0, 3), 0.05), cause("linear_drag", "linear", (0, 0.2), 0.005)],
-        [jv.Channel("height", "m", noise=0.104, correlation=0.82)],  # by repeats (`diagnosis_real`)
+        [jv.Channel("height", "m", noise=0.104, correlation=0.82)],  # by repeats (`tests/worlds/bodies.py`)
     )
 
     def terms(x: Array, v: Array, _: Array) -> Array:
@@ -275,7 +343,7 @@ def turned(u: Array, h: float, p: Array) -> Array:
                 twist = z[0] - z[2]
                 joint = p[1] * twist + p[5] * twist**3
                 load = joint - p[2] * z[3] - p[3] * abs(z[3]) * z[3] - p[4] * math.tanh(z[3] / 0.2)
-                slopes[s] = np.array([z[1], (torque - joint - 0.02 * z[1]) / foreign_labs.J1, z[3], load / p[0]])
+                slopes[s] = np.array([z[1], (torque - joint - 0.02 * z[1]) / machines.J1, z[3], load / p[0]])
             y = y + h / 18 * (slopes[0] + 2 * slopes[1] + 2 * slopes[2] + slopes[3])
     return out
 
@@ -290,11 +358,11 @@ DRIVE_XML = """<mujoco><option timestep="0.005" gravity="0 0 0" integrator="RK4"
 
 def drive(_: Path) -> Case:
     rng, recordings = np.random.default_rng(SEED), []
-    true = {**foreign_labs.TRUE["drive"], "law": 0.002}
-    t = foreign_labs.times("drive")
+    true = {**machines.TRUE["drive"], "law": 0.002}
+    t = machines.times("drive")
     for k in range(10):
-        given = foreign_labs.inputs("drive", rng)
-        y = foreign_labs.truth("drive", true, given)
+        given = machines.inputs("drive", rng)
+        y = machines.truth("drive", true, given)
         noisy = {n: x + 1e-3 * rng.standard_normal(t.size) for n, x in y.items()}
         recordings.append(jv.Recording(f"run {k}", t, noisy, given))
     names = ("J2", "k", "b", "quadratic", "dry", "cubic")

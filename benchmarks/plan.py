@@ -25,22 +25,15 @@ from typing import Any
 
 import numpy as np
 
-from jumpvision.jumper.mechanisms.registry import MECHANISMS, ModelParameters
+from jumpvision.jumper.mechanisms.registry import MECHANISMS
 from jumpvision.jumper.physics.model import Model
-from jumpvision.jumper.planning.jumper import Drive
 from jumpvision.jumper.planning.plan import Plan, Planner, perturbed
 from jumpvision.jumper.planning.solve import guessed, starts
 from jumpvision.jumper.planning.transcription import Limits
 from jumpvision.laboratory.jumper import Motor, Robot, Samples, motion_of
 from jumpvision.thesis.studies.plan import rigid, samples
+from tests.worlds.plans import LIMITS, LOOP, SAND
 
-ROBOT = {
-    "motor_mass": 1.125, "rod_mass": 0.175, "foot_mass": 0.04, "spring_stiffness": 3300.0, "spring_damping": 1.2,
-    "gravity": 9.81, "foot_radius": 0.0381, "volume_fraction": 0.57, "grain_density": 1000.0,
-}  # fmt: skip
-P = ModelParameters(k1=2100.0, k2=2100.0, delta=0.01, C=2.7, mu=2.0, theta=math.pi / 3, b=17.2)
-SAND = Model("granular", ("two_resistance", "depth_drag", "added_mass"), P, **ROBOT)
-LOOP, LIMITS = Drive(20000.0, 120.0), Limits(max_force=100.0, max_speed=3.0, stroke=0.05)
 LADDER = np.arange(0.020, 0.0601, 0.005)
 # a few per cent: what diagnose states for a campaign of 20 to 40 jumps, and a balance and a ruler for the robot
 SIGMA = {

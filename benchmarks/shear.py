@@ -4,10 +4,9 @@
     python -m benchmarks.shear 7            # others
     python -m benchmarks.shear 7 --alone    # without OpenPIV
 
-Gaussian particles of 2.5 px (e^-2), the light of each pixel integrated by the error function, drawn in both frames at
-their exact places half a displacement before and behind mid-time; nothing is shared with the package or its tests.
-Noise in % of 255. A match was right where the raw vector is within three sigma (as the nearest measured vector states
-it, 0.1 px at least). Cover: errors within one sigma, unsmoothed and smoothed vectors, of those measured.
+Particles of `tests/worlds/shear.py`; nothing is shared with the package. A match was right where the raw vector is
+within three sigma (as the nearest measured vector states it, 0.1 px at least). Cover: errors within one sigma,
+unsmoothed and smoothed vectors, of those measured.
 """
 
 from __future__ import annotations
@@ -15,67 +14,18 @@ from __future__ import annotations
 import contextlib
 import io
 import sys
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 import scipy.ndimage
 from numpy.typing import NDArray
-from scipy.special import erf
 
 import jumpvision as jv
-
-Array = NDArray[np.float64]
-Truth = Callable[[Array, Array], tuple[Array, Array]]
+from tests.worlds.shear import CASES, SQUARE, Case, frames, parabola, seen
 
 WINDOWS, NOISES = (16, 24, 32), (0, 2, 5)
-DIAMETER, DENSITY = 2.5, 0.03  # px, particles a px^2
 
 
-class Case(NamedTuple):
-    shape: tuple[int, int]
-    truth: Truth
-
-
-def parabola(height: int, peak: float = 8.0) -> Case:
-    """Of a channel that fills the picture."""
-    middle = (height - 1) / 2
-    return Case((height, 384), lambda x, y: (peak * (1 - ((y - middle) / (height / 2)) ** 2), 0 * x))
-
-
-def _layer(x: Array, y: Array) -> tuple[Array, Array]:
-    """3 px either way over 20 px, inclined, so that every phase of the grid occurs."""
-    f = np.tanh((y - 0.07 * x - 118) / 10)
-    return 3 * f, 0.3 * f
-
-
-def _jet(x: Array, y: Array) -> tuple[Array, Array]:
-    f = 1 / np.cosh((y - 0.1 * x - 115) / 20) ** 2
-    return 6 * f, 0.6 * f
-
-
-def _vortex(x: Array, y: Array) -> tuple[Array, Array]:
-    """Lamb-Oseen, core 25 px, 4 px at the fastest."""
-    dx, dy = x - 121.3, y - 130.8
-    s = (dx**2 + dy**2) / 25.0**2
-    w = 4.0 / (25.0 * 0.638) * np.where(s > 1e-9, -np.expm1(-s) / np.maximum(s, 1e-9), 1.0)
-    return -w * dy, w * dx
-
-
-def _wake(x: Array, y: Array) -> tuple[Array, Array]:
-    """A deficit of 80 % behind a body and the swing of its street."""
-    lull = np.exp(-(((y - 128) / 22.0) ** 2))
-    return 5.0 * (1 - 0.8 * lull), 1.5 * lull * np.sin(2 * np.pi * x / 90.0)
-
-
-SQUARE = (256, 256)
-CASES = {
-    "parabola": parabola(110),
-    "tanh": Case(SQUARE, _layer),
-    "jet": Case(SQUARE, _jet),
-    "vortex": Case(SQUARE, _vortex),
-    "wake": Case(SQUARE, _wake),
-}  # fmt: skip
 ISSUE = {  # as they were sent in, window 32, step 16, no noise
     "parabola of 8 px over 110 px": parabola(110),
     "parabola of 8 px over 100 px": parabola(100),
@@ -83,33 +33,6 @@ ISSUE = {  # as they were sent in, window 32, step 16, no noise
     "tanh of 3 px over 20 px": CASES["tanh"],
     "tanh of 3 px over 40 px": Case(SQUARE, lambda x, y: (3 * np.tanh((y - 0.07 * x - 118) / 20), 0 * x)),
 }
-
-
-def frames(case: Case, seed: int) -> tuple[Array, Array]:
-    """Both frames [grey], before noise and rounding."""
-    rng = np.random.default_rng(seed)
-    rows, columns = case.shape
-    n = rng.poisson(DENSITY * (rows + 30) * (columns + 30))
-    x, y = rng.uniform(-15, columns + 15, n), rng.uniform(-15, rows + 15, n)
-    light = rng.uniform(70, 220, n)
-    u, v = case.truth(x, y)
-    first, second = (_drawn(case.shape, x + t * u, y + t * v, light) for t in (-0.5, 0.5))
-    return first, second
-
-
-def _drawn(shape: tuple[int, int], x: Array, y: Array, light: Array) -> Array:
-    out, width = np.full((shape[0] + 60, shape[1] + 60), 12.0), DIAMETER / 4 * np.sqrt(2)
-    for px, py, grey in zip(x + 30, y + 30, light):
-        i, j = int(px) - 4, int(py) - 4
-        if not (0 <= i < out.shape[1] - 9 and 0 <= j < out.shape[0] - 9):
-            continue
-        gx, gy = (np.diff(erf((np.arange(10) - 0.5 + k - p) / width)) for k, p in ((i, px), (j, py)))
-        out[j : j + 9, i : i + 9] += grey * np.outer(gy, gx) * width**2 * np.pi / 4
-    return out[30:-30, 30:-30]
-
-
-def seen(picture: Array, noise: float, rng: np.random.Generator) -> NDArray[np.uint8]:
-    return np.clip(np.rint(picture + rng.normal(0, 2.55 * noise, picture.shape)), 0, 255).astype(np.uint8)
 
 
 class Row(NamedTuple):

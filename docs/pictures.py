@@ -224,9 +224,9 @@ def planning(few: bool) -> bytes:
     import matplotlib as mpl
 
     sys.path.append(str(ROOT))
-    from benchmarks.plan import LIMITS, LOOP, SAND
     from jumpvision.jumper.planning.plan import Planner
     from jumpvision.thesis.studies.plan import rigid
+    from tests.worlds.plans import LIMITS, LOOP, SAND
 
     ladder = (0.03, 0.04) if few else (0.02, 0.03, 0.04, 0.05, 0.06)
     with styled() as new:

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 
 TURNS = 1_000_000
-IDLE_S = 0.055  # of that many turns: R = 1.1 s for 2e7 (docs/benchmarks.md), the machine on which limits are stated
+IDLE_S = 0.055  # of that many turns: R = 1.1 s for 2e7, the machine on which limits are stated
 
 
 def slower() -> float:

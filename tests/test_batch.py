@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from test_granular import BED, SAND, case
 
-from benchmarks.granular import random_values
 from jumpvision.base.schema import InputError
 from jumpvision.jumper.mechanisms.registry import ModelParameters
 from jumpvision.jumper.physics.batch import jump_batch, with_gain
@@ -16,6 +15,7 @@ from jumpvision.jumper.physics.hard.analysis import half_cycle_rows
 from jumpvision.jumper.physics.hard.jump import sine_rows
 from jumpvision.jumper.physics.model import Model
 from jumpvision.jumper.physics.sand.jump import simulate
+from tests.worlds.sand import random_values
 
 
 @pytest.mark.parametrize("name", ["cone", "everything", "hard, foot with mass"])

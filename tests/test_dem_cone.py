@@ -1,7 +1,4 @@
-"""Jammed front and cone of discs with friction: the discs' own truth, and what film and analysis make of it.
-
-`benchmarks.closed_loop` does it at the size of the experiment and for three jumps.
-"""
+"""Jammed front and cone of discs with friction: the discs' own truth, and what film and analysis make of it."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The closed loop in small: discs, film, piv, flow, column, against the discs' own motion.
-
-`benchmarks.closed_loop` does it at the size of the experiment and for three jumps.
-"""
+"""The closed loop in small: discs, film, piv, flow, column, against the discs' own motion."""
 
 from __future__ import annotations
 

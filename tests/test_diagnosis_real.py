@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
-from benchmarks import diagnosis_real as real
-from benchmarks.ball_drops import Ball, questioned, together
 from jumpvision.engine.fitting import Problem
 from jumpvision.engine.noise.noise import Noise
 from jumpvision.engine.order import Order
 from jumpvision.engine.study.particle import LAW, UNDRIVEN, path
+from tests.worlds import bodies as real
+from tests.worlds.bodies import Ball, diagnose_balls, together
 
 STEP = 2 * np.pi / 40000  # rad, of the encoder
 
@@ -138,7 +133,7 @@ def test_balls_of_one_drag_coefficient_are_one_model():
         true = solve_ivp(fall, (0, 3), [47.0, -0.2], t_eval=t, rtol=1e-9).y[0]
         tracks[name] = [(t, true + rng.normal(0.0, 0.05, t.size)) for _ in range(2)]
     system = together(tracks, each, Noise(0.05, 0.0, 1 / 15))
-    found = questioned(system, 0.0).naming
+    found = diagnose_balls(system, 0.0).naming
     assert found is not None and found.named == ("drag",) and found.status == "complete"
     fit = found.best.fit
     assert fit.named["c_D"] == pytest.approx(0.47, abs=4 * fit.sigma("c_D"))

@@ -149,9 +149,9 @@ def plate_of(stress: object) -> Callable[[], list[float]]:
 def planned() -> list[float]:
     """Greatest miss [um] of plans of 20 and 40 mm, simulated by their own model, on both grounds."""
     pytest.importorskip("casadi", reason="planning needs CasADi: pip install 'jumpvision[plan]'")
-    from benchmarks.plan import LIMITS, LOOP, SAND
     from jumpvision.jumper.planning.plan import Planner
     from jumpvision.thesis.studies.plan import rigid
+    from tests.worlds.plans import LIMITS, LOOP, SAND
 
     plans = [Planner(m, LOOP, LIMITS).plan(h) for m in (rigid(SAND), SAND) for h in (0.02, 0.04)]
     return [1e6 * max(abs(p.resimulated_apex - p.apex) for p in plans)]

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from benchmarks.diagnosis import jumps_of
 from jumpvision.base.schema import InputError
 from jumpvision.engine.fitting import Problem
 from jumpvision.engine.order import Order
@@ -26,6 +25,7 @@ from jumpvision.jumper.question.learning import learn_noise
 from jumpvision.jumper.question.words import diagnosis_of
 from jumpvision.laboratory import blind
 from jumpvision.laboratory.jumper import Law, Robot, Samples, motion_of
+from tests.worlds.jumps import jumps_of
 
 A, F = 0.01, 8.0  # m, Hz
 W = 2.0 * math.pi * F

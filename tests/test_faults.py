@@ -1,4 +1,4 @@
-"""Faults: nothing lost, nothing wrong taken for right. (About 10 s; longer: `benchmarks.faults`.)"""
+"""Faults: nothing lost, nothing wrong taken for right. (About 10 s.)"""
 
 from __future__ import annotations
 

@@ -12,9 +12,9 @@ from conftest import later
 from scipy.integrate import solve_ivp
 
 import jumpvision as jv
-from benchmarks.flights import MODELLED, MUST, ball, filmed, jumper, matched, right_count
 from jumpvision.estimate.flight import Ring, in_flight, restitution, segments, track_flights
 from jumpvision.estimate.flight.beyond import Beyond, Drive
+from tests.worlds.flights import MODELLED, MUST, ball, filmed, jumper, matched, right_count
 
 G = 9.81
 
@@ -264,7 +264,7 @@ def test_time_grows_with_the_records_length():
 
 def test_real_balls_fall_as_they_should(real_data):
     """A bowling ball has next to no drag; whatever flies, flies within its record and at no more than gravity."""
-    from benchmarks.diagnosis_real import drops
+    from tests.worlds.bodies import drops
 
     every = drops(real_data / "desilva_ball_drops")
     for name, tracks in every.items():

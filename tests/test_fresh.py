@@ -58,7 +58,7 @@ def fresh(tmp_path_factory):
 
 
 def test_vectors_of_a_pair_that_openpiv_ships(fresh):
-    """Its own reference vectors of this pair move by 5 px down in the median (docs/benchmarks.md)."""
+    """Its own reference vectors of this pair move by 5 px down in the median."""
     spec = importlib.util.find_spec("openpiv")
     data = Path(spec.submodule_search_locations[0]) / "data" / "test1" if spec else None
     if data is None or not (data / "exp1_001_a.bmp").exists():
@@ -81,11 +81,3 @@ def test_a_diagnosis_of_two_arrays(fresh, tmp_path):
     noise = 2e-4 * rng.standard_normal((2, t.size))
     np.savetxt(tmp_path / "two.csv", np.column_stack([t, 1.0 - fall + noise[0], 2.0 - fall + noise[1]]), delimiter=",")
     assert fresh(DIAGNOSE, tmp_path) == ["discrepant"]
-
-
-def test_the_guides_read_by_hand(tmp_path):
-    """Their commands in one shell, and what a user does beside them; the first result of each within a minute."""
-    command = [sys.executable, "-m", "benchmarks.reader", "--keep", str(tmp_path)]
-    command += ["--pages", "beside the pages,README,tutorial,velocity_fields,any_simulator,workbench"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout[:3000] + done.stderr[-3000:]

@@ -1,7 +1,4 @@
-"""Damaged files of every kind: a clear error or sound frames; no crash, hang, lost memory or other error. (About 30 s.)
-
-The long run of 200,000 cases is `python -m benchmarks.fuzz`.
-"""
+"""Damaged files of every kind: a clear error or sound frames; no crash, hang, lost memory. (About 30 s.)"""
 
 from __future__ import annotations
 

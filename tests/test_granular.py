@@ -13,7 +13,6 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline
 
-from benchmarks.granular import EVERYTHING
 from jumpvision.jumper.mechanisms.registry import ModelParameters
 from jumpvision.jumper.physics.batch import jump_batch
 from jumpvision.jumper.physics.forcing import Segments, Spline, delayed, from_motion, sinusoid
@@ -21,6 +20,7 @@ from jumpvision.jumper.physics.model import Model
 from jumpvision.jumper.physics.sand import granular, modes, step
 from jumpvision.jumper.physics.sand.jump import equilibrium, filmed_height, simulate
 from jumpvision.jumper.physics.sand.jump import pack as packed
+from tests.worlds.sand import EVERYTHING
 
 SAND = {
     "motor_mass": 1.125,

@@ -1,4 +1,4 @@
-"""Laboratories at fault: every fault changes what is recorded by what was meant, and the table can fail."""
+"""Laboratories at fault (`worlds`): every fault changes what is recorded by what was meant."""
 
 from __future__ import annotations
 
@@ -8,11 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.laboratories import worlds
-from benchmarks.laboratories.__main__ import judged, shuffled
-from benchmarks.laboratories.judge import hidden, misnamed, outcome
-from benchmarks.laboratories.truths import CASES, KINDS, MONDAY, PARTS, SEED, Entry, N, part_of, sealed, truth
 from jumpvision.laboratory.jumper import Law
+from tests.worlds import laboratories as worlds
+from tests.worlds.faults import CASES, Entry, N, truth
 
 FEW = (0, 1, 2)  # recordings that a quick test follows
 
@@ -41,17 +39,6 @@ def films(t, size: float, which=FEW):
 def height(r) -> np.ndarray:
     y = r.track["height_m"]
     return y - y[r.track["time_s"] < 0.19].mean()
-
-
-def test_truths_are_drawn_alike_and_sealed():
-    assert sealed() == sealed() != sealed(SEED + 1)
-    assert [sum(part_of(i)[0] == p for i in range(CASES)) for p in PARTS] == [120, 24, 60, 40]
-    assert all(sum(truth(i).kind == k for i in range(120)) == 12 for k in KINDS)
-    for i in range(204):
-        t = truth(i)
-        assert sorted(t.run_order) == list(range(N)) and t.known[0].time > MONDAY
-        assert all(len(c) == N for c in (t.changes or {}).values())
-        assert all(b.time > a.time for a, b in zip(t.known, t.known[1:]))
 
 
 def test_the_own_command_is_the_laboratorys():
@@ -170,52 +157,3 @@ def test_a_fault_of_size_f_lowers_chi2_by_30_f2(kind):
     pairs = zip(before, after, ruler.tracks)
     change = [worlds.whitened(t, (height(b) - height(a))[: y.size]) for a, b, y in pairs]
     assert ruler.rest(np.concatenate(change)) == pytest.approx(9.0 * worlds.THRESHOLD, rel=0.25)
-
-
-def answer(**changes):
-    none = {"adequate": False, "status": "complete", "named": [], "twins": [], "varies": [], "law": ""}
-    return none | changes
-
-
-def perfect(t):
-    """The answer of somebody who knows."""
-    if t.slack is not None:
-        return answer(named=["drive_play", t.force] if t.force else ["drive_play"])
-    names = sorted(t.apart) if t.pattern in ("odd", "step") or "operator" in t.of else []
-    said = [
-        {"parameter": "lost_frames" if h == "lost frames" else "condition" if h == "exchanged" else h,
-         "kind": t.pattern, "of": t.of[0] if t.of else None, "recordings": names, "established": True,
-         "low": 0.9 * t.scatter, "high": 1.1 * t.scatter}
-        for h in hidden(t)
-    ]  # fmt: skip
-    return answer(varies=said, named=[t.force] if t.force else [], adequate=t.part == "scatter")
-
-
-def test_the_table_can_fail():
-    """Whoever knows has all; his answers dealt out anew have few: only where two campaigns hide the same thing."""
-    rows = [{"key": f"{SEED} #{i}", "number": i, "answer": perfect(truth(i))} for i in range(204)]
-    assert all(j.outcome == "right" and not j.misnamed for j in judged(rows))
-    wrong = [j for j in judged(shuffled(rows)) if j.truth.part == "fault"]
-    assert len(wrong) == 120 and sum(j.outcome == "right" for j in wrong) < 25
-
-
-def test_answers_are_judged_by_what_they_claim():
-    t = case("odd")
-    good = perfect(t)["varies"]
-    other = {**good[0], "parameter": "alpha"}
-    said = {
-        "right": answer(varies=good), "more": answer(varies=[*good, other]), "other": answer(varies=[other, *good]),
-        "place": answer(varies=[{**v, "recordings": ["jump-99"]} for v in good]), "missed": answer(adequate=True),
-        "force": answer(named=["tilt"]), "nothing named": answer(),
-    }  # fmt: skip
-    assert {k: outcome(t, a, SEED) for k, a in said.items()} == {k: k for k in said}
-    assert misnamed(t, answer(named=["tilt"])) and misnamed(t, answer(law="v_m^2")) and not misnamed(t, answer())
-    assert not misnamed(case("scale by day"), answer(named=["camera_scale"]))
-    step = case("scale by day")
-    late = [{**v, "recordings": sorted(step.apart)[1:]} for v in perfect(step)["varies"]]
-    later = [{**v, "recordings": sorted(step.apart)[2:]} for v in perfect(step)["varies"]]
-    assert [outcome(step, answer(varies=v), SEED) for v in (late, later)] == ["right", "place"]
-    null = case("alpha")
-    assert outcome(null, answer(varies=perfect(null)["varies"]), SEED) == "right"
-    assert outcome(null, answer(adequate=True), SEED) == "unstated"
-    assert outcome(null, answer(status="partial"), SEED) == outcome(null, answer(named=["tilt"]), SEED) == "alarm"

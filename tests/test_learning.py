@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from conftest import later
 
-from benchmarks.diagnosis import jumps_of
 from jumpvision.engine.detect import Span, detect, directions
 from jumpvision.engine.fitting import Problem
 from jumpvision.engine.noise import readings
@@ -27,6 +26,7 @@ from jumpvision.jumper.question.jumps import Shared
 from jumpvision.jumper.question.learning import learn_noise
 from jumpvision.jumper.question.sources import of_stretches
 from jumpvision.laboratory.blind import Nuisance, campaign, draw
+from tests.worlds.jumps import jumps_of
 
 FRAME = 0.005
 NOISE = 5e-5  # m

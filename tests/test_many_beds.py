@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.diagnosis import jumps_of
 from jumpvision.base.schema import InputError
 from jumpvision.engine.fitting import Problem
 from jumpvision.engine.order import Order
@@ -19,6 +18,7 @@ from jumpvision.jumper.question.jumper import Jumper, of_jump
 from jumpvision.jumper.question.learning import learn_noise
 from jumpvision.jumper.question.words import values as values_of
 from jumpvision.laboratory.blind import Nuisance, campaign, draw
+from tests.worlds.jumps import jumps_of
 
 QUIET = Nuisance(5e-5, 0.0, 0.0)
 

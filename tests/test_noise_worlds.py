@@ -13,12 +13,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from benchmarks import oracle, shared_world
 from jumpvision.laboratory import blind
 from jumpvision.laboratory import recordings as logs
 from jumpvision.laboratory import recordings as track_noise
 from jumpvision.laboratory.campaign import write_campaign
-from jumpvision.laboratory.jumper import Motion, truth_of
+from jumpvision.laboratory.jumper import Motion
 from jumpvision.laboratory.protocol import Protocol, Records, RodTrack, jumps_of
 from jumpvision.laboratory.samples import HARD_ROBOT
 
@@ -207,67 +206,3 @@ def test_impossible_campaigns_are_refused():
         blind.draw(rng(), trials=0)
     with pytest.raises(ValueError, match="'full' or 'few'"):
         blind.draw(rng(), jumps="many")
-
-
-# --------------------------------------------------------------------------------------------- worlds of the benchmarks
-def test_the_apparatus_errs_within_what_is_stated():
-    """200 worlds: common errors in stated sigmas have mean 0 to 4/sqrt(200) and spread 1 to 4/sqrt(400); so do films,
-    and a film's mu and theta go together as stated, to 4 (1 - 0.5^2)/sqrt(50)."""
-    made = [shared_world.world(i) for i in range(200)]
-    for name in ("scale", "offset", "rate", "gravity", "spring"):
-        z = np.array([w.common[name] for w in made])
-        assert abs(z.mean()) < 4 / math.sqrt(200) and abs(z.std() - 1) < 4 / math.sqrt(400), name
-    pulls = [(w.film.values - [w.true[n] for n in w.film.names]) / np.sqrt(np.diag(w.film.covariance)) for w in made]
-    every = np.concatenate(pulls)
-    assert abs(every.std() - 1) < 4 / math.sqrt(2 * every.size)
-    cone = np.array([p for p, w in zip(pulls, made) if w.kind == "cone"])
-    assert np.corrcoef(cone[:, :2].T)[0, 1] == pytest.approx(-0.5, abs=4 * 0.75 / math.sqrt(50))
-    assert [w.kind for w in made].count("hard") == 100
-
-
-def test_the_world_is_made_with_its_common_errors():
-    """The record and the robot of a world are wrong by what it says, and a world is the same whenever asked for."""
-    w = shared_world.world(1)
-    track, p = w.setting.nuisance, w.setting.protocol
-    assert track.scale_error == pytest.approx(0.01 * w.common["scale"])
-    assert track.clock_offset == pytest.approx(1e-3 * w.common["offset"])
-    assert track.clock_drift == pytest.approx(1e-3 * w.common["rate"])
-    assert w.true["gravity"] == pytest.approx(p.robot.gravity * (1 + 0.005 * w.common["gravity"]))
-    assert {"tilt", "spring_stiffness"} <= set(p.terms) and w.setting.hidden[0] in p.terms
-    assert shared_world.world(1).true == w.true
-    cone = shared_world.world(0)
-    true = truth_of(
-        cone.setting.protocol.robot, cone.setting.protocol.terms, cone.setting.protocol.parameters,
-        ground="granular", bed_density=570.0,
-    )  # fmt: skip
-    assert true.mu == cone.true["mu"] and true.g == pytest.approx(cone.true["gravity"])
-    assert shared_world.shifted(cone.film, "theta", 0.1).values[1] - cone.film.values[1] == pytest.approx(0.1)
-
-
-@pytest.mark.long
-def test_the_oracle_sees_an_exactly_known_effect():
-    """A wrong scale of jumps whose baseline fits nothing: the heights less their level in noise units, squared.
-    It grows as the square of the scale's error; t of 3 degrees of freedom tells twice as much; a static force cannot
-    be left out."""
-
-    def drawn(family: str, strength: float) -> blind.Setting:
-        return blind.draw(
-            rng(7), ground="hard", hidden=("camera_scale",), strength=strength, jumps="few",
-            nuisance=blind.Nuisance(noise=1e-3, rho=0.0, step=0.0, family=family),
-        )  # fmt: skip
-
-    def seen(family: str, strength: float) -> float:
-        setting = drawn(family, strength)
-        bare = replace(setting.protocol, model={}, robot_sigma={})
-        setting = replace(setting, protocol=bare)
-        return oracle.Oracle(setting, blind.campaign(setting, rng(8))).noncentrality(bare)
-
-    found = seen("white", 1.0)
-    off = drawn("white", 1.0).parameters["scale"] - 1.0
-    clean = oracle.heights(oracle.without(drawn("white", 1.0)))
-    by_hand = sum(float(np.sum((y[t <= end] - y[t <= end].mean()) ** 2)) for t, y, end in clean) * (off / 1e-3) ** 2
-    assert found == pytest.approx(by_hand, rel=1e-9)
-    assert seen("white", 0.0) / found == pytest.approx((0.0015 / 0.06) ** 2, rel=1e-9)
-    assert seen("t3", 1.0) / found == pytest.approx(2.0, rel=1e-9)
-    with pytest.raises(oracle.Unreachable, match="static force"):
-        oracle.without(blind.draw(rng(), hidden=("rft_cone",)))

@@ -1,12 +1,11 @@
-"""Odd files of every kind are read right, refused or told: benchmarks/odd_files.py, once. (About 5 s.)"""
+"""Odd files of every kind are read right, refused or told. (About 5 s.)"""
 
 from __future__ import annotations
 
 from collections import Counter
 
 import pytest
-
-from benchmarks.odd_files import all_of, bad
+from odd_files import all_of, bad
 
 pytest.importorskip("nptdms")
 

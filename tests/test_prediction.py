@@ -4,19 +4,17 @@ fresh recordings are predicted better than by the bare model."""
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import jumpvision as jv
-from benchmarks import peers
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.fitting import Problem
 from jumpvision.engine.study.processes import How
 from jumpvision.engine.study.question import problem_of, studied
 from jumpvision.engine.study.runs import Runs
-from jumpvision.engine.worth.gain import LEVEL, PARTS, best_at_prediction, held_out_error
+from jumpvision.engine.worth.gain import PARTS, best_at_prediction, held_out_error
 
 T = np.linspace(0.0, 1.0, 41)
 
@@ -107,13 +105,3 @@ def test_a_function_that_takes_the_simulator_s_place_predicts():
 
 def test_an_adequate_model_has_none():
     assert jv.diagnose(lines(), STUDY).prediction is None
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", ["servo", "balls"])
-def test_real_machines_are_predicted_as_well_as_by_least_squares_of_all_causes(name, real_data: Path):
-    """Open loop, recordings that were not given; where the verdict names nothing or its noise is overstated."""
-    case = peers.CASES[name](real_data)
-    predict, _, _ = peers.by_diagnosis(case)
-    everything, _ = peers.by_scipy(case, [m.name for m in case.study.mechanisms])
-    assert peers.error(case, predict) < LEVEL * peers.error(case, everything)

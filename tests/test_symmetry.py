@@ -1,13 +1,140 @@
-"""No result depends on how pictures are written, turned or inverted: benchmarks/symmetry.py, once. (About 5 s.)"""
+"""No result depends on how pictures are written, turned or inverted; for piv, track and bed. (About 5 s.)
+
+A picture written in another way (type, order of bytes, layout, gain, offset) holds the same light: whole numbers give
+the same bits, decimals what float32 rounds, 2^-24 of 255 grey beside a noise of one grey: 1e-3 sigma. A turned picture
+of a ball or a bed gives the same sums in another order: 1e-6 sigma. Vectors of a picture of whole steps lie on each
+other when it is turned, but splines take rows and columns in turn, half a dozen steps long: 0.2 sigma.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
 import pytest
+import scipy
 
 import jumpvision as jv
-from benchmarks.symmetry import TURNS, WRITTEN, ball, table
+from jumpvision.base.arrays import AnyArray, Array
 from jumpvision.base.schema import InputError
 from jumpvision.films.parameters import SMALLEST_BALL
+
+Write = Callable[[AnyArray], AnyArray]
+WRITTEN: dict[str, tuple[Write, float]] = {  # how, and the greatest difference over sigma
+    "uint16, 257 times": (lambda a: a.astype(np.uint16) * np.uint16(257), 1e-3),
+    "int64": (lambda a: a.astype(np.int64), 1e-3),
+    "float64": (lambda a: a.astype(float), 1e-3),
+    "float16": (lambda a: a.astype(np.float16), 1e-3),
+    "big-endian": (lambda a: a.astype(">u2"), 0.0),
+    "columns first": (np.asfortranarray, 0.0),
+    "a turned view": (lambda a: a[..., ::-1].copy()[..., ::-1], 0.0),
+    "gain 1/255": (lambda a: a / 255.0, 1e-3),
+    "gain 0.05": (lambda a: 0.05 * a, 1e-3),
+    "offset 1e5": (lambda a: a + 1e5, 1e-3),
+    "offset -128": (lambda a: a - 128.0, 1e-3),
+}
+
+
+class Turn(NamedTuple):
+    """How a stack (n, rows, columns) is changed, and how a place and a motion of it come back."""
+
+    change: Write
+    place: Callable[[Array, Array, int, int], tuple[Array, Array]]  # x, y, rows, columns
+    motion: Callable[[Array, Array], tuple[Array, Array]]  # of the picture, y down
+    lies: bool = False  # whether windows come to lie elsewhere
+
+
+TURNS = {
+    "mirror": Turn(lambda a: a[..., ::-1], lambda x, y, r, c: (c - 1 - x, y), lambda u, v: (-u, v), True),
+    "upside down": Turn(lambda a: a[..., ::-1, :], lambda x, y, r, c: (x, r - 1 - y), lambda u, v: (u, -v), True),
+    "transpose": Turn(lambda a: a.swapaxes(-1, -2), lambda x, y, r, c: (y, x), lambda u, v: (v, u), True),
+    "swap": Turn(lambda a: a[::-1], lambda x, y, r, c: (x, y), lambda u, v: (-u, -v)),
+    "invert": Turn(lambda a: 255 - a, lambda x, y, r, c: (x, y), lambda u, v: (u, v)),
+}
+VECTOR, BALL, BED = 0.2, 1e-6, 1e-6  # of sigma, for turned pictures
+
+
+def speckle(seed: int = 0) -> AnyArray:
+    """Two pictures of a speckle that moves by (-2.4, 1.3) px and turns a little, 97 x 129 px, 8 bits; mirrored, its
+    windows lie on each other."""
+    rng = np.random.default_rng(seed)
+    face = scipy.ndimage.gaussian_filter(rng.normal(0.0, 1.0, (117, 149)), 1.3)
+    face = 20.0 + 200.0 * (face - face.min()) / np.ptp(face)
+    y, x = np.mgrid[:117, :149].astype(float)
+    moved = scipy.ndimage.map_coordinates(face, [y - 1.3 + 0.004 * x, x + 2.4 - 0.004 * y], order=5, mode="nearest")
+    both = np.stack([f[10:-10, 10:-10] for f in (face, moved)]) + rng.normal(0.0, 1.5, (2, 97, 129))
+    return np.rint(both.clip(0, 255)).astype(np.uint8)
+
+
+def ball(seed: int = 0) -> AnyArray:
+    """A dark ball of 12 px before a scene, moving by 1.3 px a frame, 64 x 90 px."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[:64, :90]
+    scene = 170.0 + 12.0 * scipy.ndimage.gaussian_filter(rng.normal(0.0, 1.0, (64, 90)), 3.0) * 6.0
+    inside = [scipy.special.ndtr((6.0 - np.hypot(x - 25.2 - 1.3 * i, y - 32.3)) / 0.8) for i in range(10)]
+    film = np.array([scene + (40.0 - scene) * e for e in inside]) + rng.normal(0.0, 2.0, (10, 64, 90))
+    return np.rint(film.clip(0, 255)).astype(np.uint8)
+
+
+def bed(seed: int = 0) -> AnyArray:
+    """A bed below bright air, its surface at row 40 with waves, 100 x 120 px."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[:100, :120]
+    surface = 40.3 + 1.5 * np.sin(0.1 * x) + 0.02 * x
+    image = 230.0 - 190.0 * scipy.special.ndtr((y - surface) / 1.2) + rng.normal(0.0, 3.0, y.shape)
+    return np.rint(image.clip(0, 250)).astype(np.uint8)[None]
+
+
+def vectors(pair: AnyArray) -> tuple[Array, Array, Array]:
+    """u, v (y down) and sigma, (rows, columns) from the picture's top left."""
+    f = jv.piv(*pair, window=32, step=16).sortby("x").sortby("y", ascending=False)
+    return f.u.values, -f.v.values, f.u_sigma.values
+
+
+def off_field(pair: AnyArray, changed: AnyArray, turn: Turn | None = None) -> float:
+    """Greatest difference of a vector over its sigma, on vectors that both have."""
+    u, v, sigma = vectors(pair)
+    a, b, _ = vectors(changed)
+    if turn is not None:
+        back = turn.change if turn.lies else lambda f: f
+        a, b = turn.motion(back(a), back(b))
+    return float(np.nanmax(np.hypot(a - u, b - v) / sigma))
+
+
+def off_track(film: AnyArray, changed: AnyArray, turn: Turn | None = None) -> float:
+    """The same of a ball's places, by frame."""
+    rows, columns = film.shape[1:]
+    one = jv.track(film, diameter=12, polarity="dark")
+    other = jv.track(changed, diameter=12, polarity="bright" if turn is TURNS["invert"] else "dark")
+    if (one.flag != "").any() or (other.flag != "").any():
+        return np.inf
+    x, y = other.x_px.to_numpy(), other.y_px.to_numpy()
+    if turn is not None:
+        x, y = turn.place(x, y, rows, columns)
+    return float((np.hypot(x - one.x_px, y - one.y_px) / one.sigma_px).max())
+
+
+def off_bed(picture: AnyArray, changed: AnyArray) -> float:
+    """The same of a bed's height."""
+    one, other = (jv.bed(p, floor_row=95.0).iloc[0] for p in (picture, changed))
+    return abs(float(other.height_px - one.height_px)) / float(one.sigma_px)
+
+
+def table(seed: int = 0) -> dict[tuple[str, str], tuple[float, float]]:
+    """(what, change): (difference over sigma, what it may be)."""
+    pair, film, picture = speckle(seed), ball(seed), bed(seed)
+    out = {}
+    for how, (write, bound) in WRITTEN.items():
+        out["piv", how] = off_field(pair, write(pair)), bound
+        out["track", how] = off_track(film, write(film)), bound
+        out["bed", how] = off_bed(picture, write(picture)), bound
+    for how, turn in TURNS.items():
+        out["piv", how] = off_field(pair, turn.change(pair), turn), VECTOR
+        if how != "swap":  # a tracker learns radius and blur as it goes: a film run backwards is another one
+            out["track", how] = off_track(film, turn.change(film), turn), BALL
+    out["bed", "mirror"] = off_bed(picture, TURNS["mirror"].change(picture)), BED
+    return out
 
 
 @pytest.fixture(scope="module")

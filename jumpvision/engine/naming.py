@@ -18,7 +18,7 @@ from .system import by_condition
 
 CONFIDENCE = 0.9  # of the set of models that is kept
 # Of what a mechanism alone explains: more may not be left where it is named though misfit is left. Substitutes left 3 %
-# and more in the laboratory's campaigns with effects outside the vocabulary (`benchmarks.diagnosis --outside`).
+# and more in the laboratory's campaigns with effects outside the vocabulary (`benchmarks.causes laws`).
 ESTABLISHED = 0.03
 SHARE = 1 / 3  # of a named effect: a mechanism that may make so much of it is declared beside it
 CLEAR = 3.0  # standard uncertainties that a pattern's own coefficients must be off, beside a common value

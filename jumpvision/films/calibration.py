@@ -240,8 +240,8 @@ ROUNDED_OFF = Calibrated(
 # ---- foot, bed, cone -------------------------------------------------------------------------------------------------
 FACE_OF_FOOT = Calibrated(
     0.5,
-    "px: grains do not reach right up to the face; 0.44 rms of nine films, which benchmarks/closed_loop.py judges too",
-    "benchmarks/closed_loop.py",
+    "px: grains do not reach right up to the face; 0.44 rms of nine films of discs under a foot",
+    "tests/test_foot.py",
     "2026-11-21",
     "foot_face.track_foot: sigma of the face's place on the body where only the edge in frame 0 shows it",
 )
@@ -261,7 +261,7 @@ ONE_SIDED = Calibrated(
     "of the errors that the flow makes of vectors, what has one sign all over a field: 0.17 to 0.20 in four films of "
     "discs (seeds 41, 43), always too slow; 0.11 to 0.14 of it with grains lit evenly, as a grain lit from above is "
     "followed by its upper rim, 0.05 of its diameter above its middle; eight grain films (7000-7007) -0.13 to +0.4",
-    "benchmarks/closed_loop.py",
+    "none",
     "2026-11-27",
     "grains.momentum: sigma of the momentum",
 )

@@ -31,7 +31,7 @@ from .words import StudySpeaker, intervals, simulated, traces
 if TYPE_CHECKING:
     from jumpvision.engine.discovery import Laws
 
-LOOKED, NAMED = 0.18, 0.85  # of all runs, made when causes are asked for and when they are named (benchmarks.foreign)
+LOOKED, NAMED = 0.18, 0.85  # of all runs, made when causes are asked for and when they are named (foreign studies)
 SEED = 1  # of the simulated noise: the same data give the same answer
 
 
