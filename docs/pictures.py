@@ -377,9 +377,6 @@ def workbench(browser: Any) -> bytes:
         return page.screenshot()
 
 
-FILMED = ("grain_films/single-7.0Hz", "loose_sand/stutter-7.0Hz-film", "grain_films/delayed_stutter-7.0Hz")
-SAMPLES = ROOT / "data_samples"
-BESIDE = "dem --beds 0 " + " ".join(f"--experiment {SAMPLES / name}" for name in FILMED)
 PICTURES: dict[str, Picture] = {
     **{f"hard_{n}": of_study("hard", n) for n, s in studies("hard").items() if not s.of_campaign and n != "grid"},
     **{
@@ -393,8 +390,6 @@ PICTURES: dict[str, Picture] = {
         "dem --bed hexagonal --beds 1",
         "dem --bed hexagonal --beds 1 --half-width 0.02 --depth 0.02 --foot 0.005 --stroke 0.003",
     ),
-    "films_beside": of_command(BESIDE, BESIDE),
-    "rft_disc": of_command("rft --tilt 0:30:4", "rft --tilt 0:30:2 --depth 0:0.06:4"),
     "heights": of_samples("heights.png"),
     "diagnosis": of_samples("diagnosis.png"),
     "demo_sand": of_page("demo", demo, 1100),

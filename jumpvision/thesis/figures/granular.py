@@ -11,7 +11,7 @@ from jumpvision.experiment.results.fields import attributes_of, unit_of
 from jumpvision.jumper.physics.sand.jump import MODES
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, NewFigure
 from jumpvision.thesis.figures.sweeps import figure_of
-from jumpvision.thesis.studies.sand import beds, mantle, models
+from jumpvision.thesis.studies.sand import beds, models
 from jumpvision.thesis.studies.sand import drag_fit as measured
 from jumpvision.thesis.studies.sand import packing as prepared
 
@@ -294,23 +294,4 @@ def packing(data: xr.Dataset, Figure: NewFigure) -> Figure:
     axis.set_xscale("symlog", linthresh=1.0)
     axis.set(xlim=(0, None), xlabel="air pulses since fluidisation", ylabel=PHI, title="packing of the bed, ±2σ")
     axis.legend(fontsize=7)
-    return figure
-
-
-@figure_of(mantle.mantle_resistance)
-def mantle_resistance(data: xr.Dataset, Figure: NewFigure) -> Figure:
-    """k_1, k_2 and the predicted k_2 per foot area against packing, and a single jump with each."""
-    figure = Figure(figsize=(9.6, 3.6), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    shown = (left, data.k2_per_area * 1e-6), (right, data.jump_height_m * 1e3)
-    left.plot(data.phi, data.k1_per_area * 1e-6, color=QUIET, label="$k_1$")
-    for axis, values in shown:
-        low, middle, high = (values.sel(k2=n) for n in ("least", "mean", "greatest"))
-        axis.fill_between(data.phi, low, high, color=MODEL, alpha=0.2, lw=0, label="published stresses, spread")
-        axis.plot(data.phi, middle, "--", color=MODEL, label="their mean, scaled to $k_1$")
-        axis.plot(data.phi, values.sel(k2="own"), color=MEASURED, label="$k_2$ of the laws")
-        axis.set(xlabel="volume fraction")
-    left.set(title="resistance of the grown cone", ylabel="resistance / foot area [N/cm³]", ylim=(0, None))
-    right.set(title=f"single jump at {mantle.FREQUENCY:g} Hz", ylabel="jump height [mm]")
-    left.legend()
     return figure

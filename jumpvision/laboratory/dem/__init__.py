@@ -1,1 +1,0 @@
-"""A small discrete-element simulation of discs under a foot."""
