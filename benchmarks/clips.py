@@ -44,7 +44,6 @@ class Clip:
     clean: list[np.ndarray]
     noise: float
     spin: float  # rad a frame
-    halves: np.ndarray  # (2 n, 3) of an interlaced clip: place in each half picture [px], and whether it is seen there
 
 
 def wall(rng: np.random.Generator, h: int, w: int, level: float, d: float, ball: float) -> tuple[np.ndarray, list[str]]:
@@ -166,7 +165,7 @@ def _clip(rng: np.random.Generator, faces: bool) -> Clip:
     spin, seed_face, tone = rng.normal(0, 0.05), int(rng.integers(1e6)), rng.uniform(0.1, 0.5)
     drag = rng.uniform(0, 0.02)
     noise = rng.uniform(0.5, 4.0)
-    where, speeds, halves = [], [], []
+    where, speeds = [], []
     for k in range(2 * n):  # half frames
         if k >= 2 * held:
             x, y, vy = x + 0.5 * vx, y + 0.5 * vy, vy + 0.5 * gravity
@@ -195,10 +194,6 @@ def _clip(rng: np.random.Generator, faces: bool) -> Clip:
                 if math.hypot((bx - hx) / 2.2, by - hy) < 1.7 * d:
                     seen[i] = False
             fields.append(cv2.GaussianBlur(picture, (0, 0), 0.7))
-            free = not hand or math.hypot((bx - hx) / 2.2, by - hy) >= 1.7 * d
-            free &= 0.7 * d < bx < w - 0.7 * d and 0.7 * d < by < h - 0.7 * d
-            near = np.hypot(xx - bx, yy - by) < 0.6 * d
-            halves.append((bx, by, free and near.any() and hidden[near].mean() < 0.1))
         if interlaced:
             fields[0][1::2] = fields[1][1::2]
             seen[i] = False
@@ -214,7 +209,7 @@ def _clip(rng: np.random.Generator, faces: bool) -> Clip:
     frames, codec = (frames, "none") if faces else through_codec(rng, frames, fps)
     truth = np.array(where[::2])
     at = ", ".join([kind, "dark" if dark else "bright", f"{d:.0f} px", f"{speed:.1f} d/frame", codec, *words])
-    return Clip(np.array(frames), truth, seen, d, dark, kind, at, clean, noise, spin, np.array(halves, float))
+    return Clip(np.array(frames), truth, seen, d, dark, kind, at, clean, noise, spin)
 
 
 def bound(c: Clip, i: int) -> float:
@@ -254,15 +249,12 @@ def judged(c: Clip, click: bool) -> tuple[str, float, float, str]:
     truth, seen, said = c.truth[:n], c.seen[:n], []
     try:
         t, said = tracked(c, p)
-        if asked := [s.split('fields = "')[1].split('"')[0] for s in said if "interlaced" in s]:  # as the warning says
-            t, said = tracked(c, p | {"fields": asked[0]})
-            n, truth, seen = len(t), c.halves[:, :2].copy(), c.halves[:, 2] > 0
-            n = min(n, len(truth))
-            truth, seen = truth[:n], seen[:n]
+        if told := [s for s in said if "interlaced" in s]:  # nobody takes its places for those of one instant
+            return "refused", math.nan, math.nan, told[0][:60]
     except ValueError as e:
         return "refused", math.nan, math.nan, str(e)[:60]
     good = (t.flag == "").to_numpy()[:n]
-    if p.get("method") == "template" and not any("centre" in s for s in said):  # the clicked point, which turns with it
+    if p.get("method") == "template":  # the clicked point, which turns with it
         angle, from_centre = c.spin * np.arange(n) * len(c.truth) / n, p["seed"] - c.truth[0]
         turned = np.stack([np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)], axis=1).reshape(n, 2, 2)
         truth = truth + turned @ from_centre

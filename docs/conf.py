@@ -22,7 +22,7 @@ PARTS = {  # of the site; all but the last are at most 15,000 words together (te
     "Jumping robots": ["planning", "demo", "report"],
     "Reference": [
         "commands", "scale", "keys", "api", "files", "stages", "physics", "figures", "hard_ground", "granular", "dem",
-        "laboratory", "diagnosis_real", "real", "benchmarks", "features", "architecture",
+        "laboratory", "diagnosis_real", "real", "benchmarks", "features", "beside", "architecture",
     ],
 }  # fmt: skip
 

@@ -26,7 +26,6 @@ VERBS = {  # name: the module that has it
     "ringdown": "estimate.oscillation",
     "flights": "estimate.free_flight",
     "triangulate": "films.arrays.space",
-    "particles": "films.arrays.particles",
 }
 TYPES = {  # what diagnose takes of a user's own simulator
     "Recording": "engine",
@@ -44,7 +43,6 @@ OF_ARRAYS = {  # stages that have a function of arrays, which needs no folder
     "piv": "films.arrays.piv.piv",
     "flow": "experiment.stages.grains.of_fields.flow",
     "statistics": "experiment.stages.grains.of_fields.statistics",
-    "paths": "experiment.stages.grains.of_fields.paths",
     "bed": "films.arrays.bed.bed",
     "crater": "films.arrays.crater.crater",
     "intrusion": "experiment.stages.bed.intrusion.of_arrays",
@@ -52,7 +50,7 @@ OF_ARRAYS = {  # stages that have a function of arrays, which needs no folder
 }
 
 
-OF_FIELDS = ("piv", "flow", "statistics", "paths")  # of these, those of velocity fields
+OF_FIELDS = ("piv", "flow", "statistics")  # of these, those of velocity fields
 
 
 compiled_code_goes(Path(__file__).parent, __version__)

@@ -17,7 +17,6 @@ from .api_fields import plot as plot
 from .estimate.oscillation import ringdown as ringdown
 from .estimate.free_flight import flights as flights
 from .films.arrays.space import triangulate as triangulate
-from .films.arrays.particles import particles as particles
 from .engine import Recording as Recording
 from .engine import Study as Study
 from .engine import Parameter as Parameter
@@ -34,7 +33,6 @@ from jumpvision.experiment.results.values import Intrusion
 from jumpvision.experiment.results.fields import Piv
 from jumpvision.experiment.results.fields import Flow
 from jumpvision.experiment.results.fields import Column
-from jumpvision.experiment.results.tables import Paths
 from jumpvision.experiment.results.fields import Statistics
 from jumpvision.experiment.results.tables import Profiles
 from jumpvision.experiment.results.values import SpringTest
@@ -81,17 +79,13 @@ def flow(experiment: Folder, *, results: PathLike | None = ...) -> Flow: ...
 @overload
 def flow(field: xr.Dataset | str | os.PathLike[str], *, half_width: int = 1, **about: Any) -> xr.Dataset: ...
 @overload
-def paths(experiment: Folder, *, results: PathLike | None = ...) -> Paths: ...
-@overload
-def paths(field: xr.Dataset | str | os.PathLike[str], *, spacing: float = 16.0, about: dict[str, Any] | None = None, **p: Any) -> pd.DataFrame: ...
-@overload
 def statistics(experiment: Folder, *, results: PathLike | None = ...) -> Statistics: ...
 @overload
 def statistics(fields: xr.Dataset | str | os.PathLike[str] | Iterable[xr.Dataset | str | os.PathLike[str]], *, first: float | None = None, last: float | None = None, **about: Any) -> xr.Dataset: ...
 @overload
 def track(experiment: Folder, *, results: PathLike | None = ...) -> Track: ...
 @overload
-def track(frames: Iterable[ArrayLike] | str | os.PathLike[str], *, frame_rate: float | None = None, scale: float | None = None, exposure: float = 0.0, origin: tuple[float, float] | None = None, angle: float = 0.0, masses: tuple[float, ...] = (), window: int = 7, fields: str = 'together', **parameters: Any) -> pd.DataFrame: ...
+def track(frames: Iterable[ArrayLike] | str | os.PathLike[str], *, frame_rate: float | None = None, scale: float | None = None, exposure: float = 0.0, origin: tuple[float, float] | None = None, angle: float = 0.0, masses: tuple[float, ...] = (), window: int = 7, **parameters: Any) -> pd.DataFrame: ...
 @overload
 def simulate(experiment: Folder, *, results: PathLike | None = ...) -> Simulation: ...
 @overload

@@ -26,8 +26,8 @@ def export(data: xr.Dataset | pd.DataFrame | Any, file: PathLike) -> list[Path]:
     """Write a field or a table to a file of other programs, by the end of its name; the files that were written.
 
     data: what `jv.piv`, `jv.flow`, `jv.statistics` give, or a record of a folder's stage: .vtk (ParaView; several times
-    are a file each and FILE.vtk.series), .pvd (the XML format of VTK), .dat (Tecplot), .csv, .mat, .nc. A table, as
-    `jv.track` and `jv.paths` give: .csv. Raises InputError.
+    are a file each and FILE.vtk.series), .pvd (the XML format of VTK), .csv, .nc. A table, as
+    `jv.track` gives: .csv. Raises InputError.
 
     Example: jv.export(jv.piv(a, b), "field.vtk")
     """
@@ -77,7 +77,7 @@ def plot(
 
 @xr.register_dataset_accessor("jv")  # type: ignore[no-untyped-call]
 class OfField:
-    """The verbs of a velocity field as its methods: `field.jv.plot()`, `.flow()`, `.statistics()`, `.paths()`,
+    """The verbs of a velocity field as its methods: `field.jv.plot()`, `.flow()`, `.statistics()`,
     `.export(file)`. They are `jv.plot(field)` and so on."""
 
     def __init__(self, field: xr.Dataset) -> None:
@@ -102,9 +102,3 @@ class OfField:
         from jumpvision.experiment.stages.grains.of_fields import statistics
 
         return statistics(self._field, **how)
-
-    def paths(self, **how: Any) -> pd.DataFrame:
-        """As `jv.paths`."""
-        from jumpvision.experiment.stages.grains.of_fields import paths
-
-        return paths(self._field, **how)

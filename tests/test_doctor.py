@@ -17,7 +17,7 @@ from jumpvision.cli import doctor, main
 def test_doctor_says_what_there_is(tmp_path, capsys):
     assert main(["doctor", str(tmp_path), "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
-    assert "mjpeg" in facts["video codecs"] and "GPU" in facts and "may be used" in facts["cores"]
+    assert "mjpeg" in facts["video codecs"] and "may be used" in facts["cores"]
     free = shutil.disk_usage(tmp_path).free / 1e9
     assert facts["results and cache"].startswith(f"{tmp_path}: ")
     assert abs(float(facts["results and cache"].split(": ")[1].split()[0]) - free) < 1
@@ -34,17 +34,6 @@ def test_doctor_names_a_remedy_for_what_lacks(monkeypatch, tmp_path):
     assert remedies["casadi"] == 'pip install "jumpvision[plan]"' and "reinstall" in remedies["numpy"]
     monkeypatch.setattr(shutil, "disk_usage", lambda p: type("Usage", (), {"free": 1e9}))
     assert all("little left" in found and "cache" in remedy for _, found, remedy in doctor.disk(tmp_path))
-
-
-@pytest.mark.parametrize(
-    ("answer", "words"), [("echo 'NVIDIA T4, 15360 MiB'", "NVIDIA T4, 15360 MiB (not used)"), ("exit 9", "none found")]
-)
-def test_doctor_asks_for_the_gpu(monkeypatch, tmp_path, answer, words):
-    tool = tmp_path / "nvidia-smi"
-    tool.write_text(f"#!/bin/sh\n{answer}\n")
-    tool.chmod(0o755)
-    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
-    assert words in doctor.gpu()[1]
 
 
 def test_doctor_refuses_a_folder_that_is_not_there(tmp_path, capsys):

@@ -125,54 +125,6 @@ def test_vtk_reads_the_field_back(field, tmp_path):
         assert f'timestep="{float(data.t[k])!r}" file="piv_000{k}.vti"' in (out / "piv.pvd").read_text()
 
 
-def test_matlab_files_hold_every_field_table_and_value(field, campaign, tmp_path):
-    from scipy.io import loadmat
-
-    folder, data = field
-    (folder / "odd.csv").write_text("2nd,flag,a b\n1.5,,3\n2.5,lost,4\n")
-    declare(folder)
-    out = export(folder, "mat", tmp_path / "out")
-    read = loadmat(out / "piv.mat")
-    for name in ("u", "v", "u_sigma", "reason"):
-        np.testing.assert_array_equal(read[name], data[name].values)
-    assert read["u_dims"][0] == "y,x,t" and read["u_units"][0] == "m/s" and read["attribute_delta_t"].item() == 0.002
-    np.testing.assert_array_equal(read["t"][:, 0], data.t)
-    odd = loadmat(out / "odd.mat")
-    assert odd["x2nd"][:, 0].tolist() == [1.5, 2.5] and odd["a_b"][:, 0].tolist() == [3, 4]
-    assert [c.item() if c.size else "" for c in odd["flag"][:, 0]] == ["", "lost"]
-    out = export(campaign, "mat", tmp_path / "all")
-    fits = json.loads((campaign / "jump-0001" / "fits.json").read_text())
-    read = loadmat(out / "jump-0001" / "fits.mat", simplify_cells=True)
-    for name, entry in fits.items():
-        assert read[name]["value"] == entry["value"] or (entry["value"] is None and np.isnan(read[name]["value"]))
-
-
-def test_vtk_reads_the_tecplot_text_back(field, tmp_path):
-    """By another library's reader: points, values and the columns; what is missing is 0 and said so."""
-    vtk = pytest.importorskip("vtkmodules.vtkIOGeometry")
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-
-    folder, data = field
-    out = export(folder, "tecplot", tmp_path / "out")
-    reader = vtk.vtkTecplotReader()
-    reader.SetFileName(str(out / "piv.dat"))
-    reader.Update()
-    zones = reader.GetOutput()
-    assert zones.GetNumberOfBlocks() == 3
-    for k in range(3):
-        block, size = zones.GetBlock(k), [0, 0, 0]
-        block.GetDimensions(size)
-        assert size == [4, 5, 1]
-        for i, (x, y) in enumerate((x, y) for y in data.y.values for x in data.x.values):
-            assert block.GetPoint(i)[:2] == pytest.approx((x, y), rel=1e-6)  # the reader's points are float32
-        arrays = {n: vtk_to_numpy(block.GetPointData().GetArray(n)) for n in ("u [m_s]", "reason", "known")}
-        want = data.u.values[..., k].ravel()
-        assert arrays["u [m_s]"] == pytest.approx(np.nan_to_num(want), rel=1e-6)
-        np.testing.assert_array_equal(arrays["known"] == 1, np.isfinite(want))
-    text = (out / "piv.dat").read_text().splitlines()
-    assert float(text[3].split()[2]) == data.u.values[0, 0, 0]  # every digit is there
-
-
 def test_places_that_no_image_has_are_refused(field, tmp_path, capsys):
     folder, data = field
     data.assign_coords(x=np.array([0.0, 1.0, 2.0, 4.0])).to_netcdf(folder / "piv.nc", engine="netcdf4")

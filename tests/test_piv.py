@@ -5,7 +5,6 @@ to the material at mid-time and the grain there is asked for its grey.
 """
 
 import functools
-import importlib.util
 import os
 import subprocess
 import sys
@@ -17,8 +16,8 @@ import pytest
 
 import jumpvision as jv
 from jumpvision.films.vision.piv import engine
-from jumpvision.films.vision.piv.engine import best_prefilter, length_of_errors, piv_film, piv_pair
-from jumpvision.films.vision.piv.frame import LIGHT, STRONG, prepare, sharp, white
+from jumpvision.films.vision.piv.engine import length_of_errors, piv_film, piv_pair
+from jumpvision.films.vision.piv.frame import prepare, white
 from jumpvision.films.vision.piv.pair import (
     INTERPOLATED,
     MASKED,
@@ -26,7 +25,6 @@ from jumpvision.films.vision.piv.pair import (
     NO_TEXTURE,
     REASONS,
     VALID,
-    Backend,
     Settings,
 )
 from jumpvision.films.vision.piv.predict import correlate, peaks
@@ -290,7 +288,7 @@ def test_a_finer_window_says_nothing_of_noise():
         a, b = (camera(i, 4, np.random.default_rng(j)) for j, i in enumerate(pair))
         f = piv_pair(a, b, **SETTINGS)
         s = Settings(**SETTINGS)
-        frames = [prepare(i, None, s.window // 2 + engine.MARGIN, True, LIGHT) for i in (a, b)]
+        frames = [prepare(i, None, s.window // 2 + engine.MARGIN, True) for i in (a, b)]
         grid = Grid(f.x, f.y, s.step, s.window, engine.STIFFNESS)
         m = refine([tuple(frames)], grid, f.matched[:2], s.min_texture, np.ones(f.u.shape, bool), True, None)
         by_chance = noise_within(s.window, s.step, engine.STIFFNESS, 3)
@@ -303,7 +301,7 @@ def test_a_finer_window_says_nothing_of_noise():
 def test_some_rows_matched_alone_are_as_in_the_whole():
     a, b = (camera(i, 2, np.random.default_rng(j)) for j, i in enumerate(bed_of("band")))
     f, s = piv_pair(a, b, **SETTINGS), Settings(**SETTINGS)
-    pair = tuple(prepare(i, None, s.window // 2 + engine.MARGIN, True, LIGHT) for i in (a, b))
+    pair = tuple(prepare(i, None, s.window // 2 + engine.MARGIN, True) for i in (a, b))
     grid = Grid(f.x, f.y, s.step, s.window, engine.STIFFNESS)
     whole, some = (
         refine([pair], grid, f.matched[:2], s.min_texture, np.ones(f.u.shape, bool), False, 5.0, *only)
@@ -503,76 +501,6 @@ def test_a_still_film_is_measured_as_still(settings):
     assert f.u_sigma.min() > 0 and f.u_sigma.max() < 0.004
 
 
-def fine_particles(noise, d=0.3, diameter=2.3):
-    """Particles hardly wider than two pixels, moved by (d, -d), sheared: noise 0 is rounding alone."""
-    rng = np.random.default_rng(23)
-    x, y, grey = rng.uniform(-20, 252, 2000), rng.uniform(-20, 188, 2000), rng.uniform(60, 160, 2000)
-    u = d + 0.01 * (y - 80)
-    return [camera(spots(SHAPE, x + s * u / 2, y - s * d / 2, grey, diameter), noise, rng) for s in (-1, 1)]
-
-
-def test_the_strong_prefilter_is_for_sharp_pictures_without_noise(monkeypatch):
-    """Aliasing sets the error there and 1.1 px takes off 15 % or more; at noise 2 noise does, which it raises. Grains
-    of 5-13 px are not sharp, with noise or without."""
-    kinds = {(d, n): fine_particles(n, diameter=d) for d in (2.3, 4) for n in (0, 2)}
-    kinds |= {
-        ("grains", n): [camera(i, n, np.random.default_rng(k)) for k, i in enumerate(bed_of("shear"))] for n in (0, 6)
-    }
-    chosen = {k: best_prefilter(*pair, mask=None, gap=1, **SETTINGS)[0] for k, pair in kinds.items()}
-    assert chosen == {k: STRONG if k == (2.3, 0) else LIGHT for k in kinds}
-    assert {k for k, (a, _) in kinds.items() if sharp(a, None)} == {(2.3, 0), (2.3, 2)}
-    assert best_prefilter(*kinds[2.3, 0], mask=None, gap=1, **(SETTINGS | {"preset": "fast"})) == (LIGHT, None)
-    # what the choice has matched is not matched again
-    pair, calls, match = kinds[2.3, 0], [], engine._match
-    monkeypatch.setattr(engine, "_match", lambda *a: (calls.append(1), match(*a))[1])
-    chosen_by_itself = next(piv_film(pair, mask=None, gap=1, **SETTINGS))
-    assert len(calls) == 2
-    told = next(piv_film(pair, mask=None, gap=1, prefilter=chosen[2.3, 0], **SETTINGS))
-    assert len(calls) == 3 and np.array_equal(told.u, chosen_by_itself.u, equal_nan=True)
-
-
-@pytest.mark.parametrize("noise", [0, 2])
-def test_the_chosen_prefilter_is_the_better_one(noise):
-    """By at least 5 %, the margin of the choice, against the one not chosen; of the unsmoothed vectors."""
-    pair = fine_particles(noise)
-    light, strong, chosen = (
-        np.nanmean(np.hypot(f.u - 0.3 - 0.01 * (f.y - 80)[:, None], f.v + 0.3)[2:-2, 2:-2])
-        for f in (piv_pair(*pair, **SETTINGS, prefilter=q, smooth="none") for q in (LIGHT, STRONG, None))
-    )
-    assert chosen == min(light, strong) < 0.95 * max(light, strong)
-
-
-def test_a_large_pair_is_tried_with_the_second_prefilter_in_its_middle(monkeypatch):
-    """600 x 610 px: matched with both, the second only in the middle 384 px and then, as it is better, on the whole."""
-    rng, shape, n = np.random.default_rng(24), (600, 610), 18_000
-    x, y, grey = rng.uniform(-20, 630, n), rng.uniform(-20, 620, n), rng.uniform(60, 160, n)
-    a, b = (camera(spots(shape, x + s * 0.3 / 2, y - s * 0.3 / 2, grey, 2.3), 0, rng) for s in (-1, 1))
-    sizes, match = [], engine._match
-    monkeypatch.setattr(engine, "_match", lambda pairs, s: (sizes.append(pairs[0][0].grey.shape), match(pairs, s))[1])
-    f = piv_pair(a, b, **SETTINGS)
-    assert sizes == [shape, (384, 384), shape]
-    assert np.array_equal(f.u, piv_pair(a, b, **SETTINGS, prefilter=STRONG).u, equal_nan=True)
-
-
-def test_sharpness_needs_whole_blocks_and_does_not_see_masked_edges():
-    a, _ = fine_particles(0)
-    grain, _ = bed_of("shear")
-    half = np.arange(SHAPE[1]) < 120
-    assert sharp(a, np.broadcast_to(half, SHAPE)) and not sharp(np.where(half, grain, a), np.broadcast_to(half, SHAPE))
-    assert not sharp(a, np.zeros(SHAPE, bool)) and not sharp(np.full(SHAPE, np.nan), None)
-    assert not sharp(np.full(SHAPE, 90, np.uint8), None) and not sharp(a[:24], None)
-
-
-def test_a_film_keeps_the_prefilter_of_its_first_pair():
-    still = bed_of("uniform")
-    for first, expected in (
-        (fine_particles(0), STRONG),
-        ([camera(i, 2, np.random.default_rng(1)) for i in still], LIGHT),
-    ):
-        *_, last = piv_film([*first, *fine_particles(0)], mask=None, gap=1, **SETTINGS)
-        assert np.array_equal(last.u, piv_pair(*fine_particles(0), **SETTINGS, prefilter=expected).u, equal_nan=True)
-
-
 def test_one_nan_frame_costs_its_two_pairs():
     a, b = bed_of("uniform")
     fields = list(piv_film([a, b, np.full(SHAPE, np.nan), a, b], mask=None, gap=1, **SETTINGS))
@@ -732,26 +660,6 @@ def test_correlation_is_the_masked_one(masked):
             (f[here] ** 2 * wb[there]).sum() * (wa[here] * g[there] ** 2).sum()
         )
         assert r[dy + s // 2, dx + s // 2] == pytest.approx(expected, abs=1e-4)  # float32 sums of 144 products
-
-
-def test_correlation_uses_nothing_beyond_the_array_api():
-    """What a GPU's arrays can do, by the strict namespace; its FFTs are NumPy's, in single precision."""
-    xp = pytest.importorskip("array_api_strict")
-    rng = np.random.default_rng(10)
-    a, b = rng.uniform(0, 255, (2, 5, 16, 16)).astype(np.float32)
-    wa, wb = (rng.uniform(size=(2, 5, 16, 16)) > 0.3).astype(np.float32)
-    wa[3], wb[3] = 1, 1
-    strict = Backend(xp, xp.asarray, lambda x: np.asarray(x))
-    assert correlate(a, wa, b, wb, strict) == pytest.approx(correlate(a, wa, b, wb), abs=1e-5)
-
-
-@pytest.mark.parametrize(("name", "said"), [("cuda", "must be one of numpy, cupy, torch"), ("cupy", "cupy")])
-def test_a_backend_that_is_not_there_is_one_clear_error(name, said):
-    if name == "cupy" and importlib.util.find_spec("cupy"):
-        pytest.skip("cupy is installed")
-    a, b = bed_of("uniform")
-    with pytest.raises(ValueError, match=said):
-        piv_pair(a, b, **(SETTINGS | {"backend": name}))
 
 
 def test_peak_of_a_gaussian_is_exact():

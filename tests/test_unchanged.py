@@ -223,7 +223,7 @@ def test_a_result_of_a_stage_that_comes_from_elsewhere_is_looked_at(place, monke
 
 
 def test_a_picture_of_what_there_is_not_keeps_nothing_from_being_noted(place, monkeypatch):
-    """It has no entry of its own, which the note looked for in vain: a film without [params.paths] was never noted."""
+    """It has no entry of its own, which the note would look for in vain."""
 
     @functools.wraps(STAGES[RodMotion].function)
     def nothing(*args, **kwargs):

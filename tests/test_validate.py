@@ -219,30 +219,33 @@ def test_frames_on_a_smudge_are_flagged(there):
     assert (out.flag[~wrong] == "").all() and np.isnan(out.x[wrong]).all()
 
 
-@pytest.mark.parametrize("click", [True, False])
-def test_a_ball_of_two_tones_that_turns_is_followed_as_a_picture(click):
-    """0.05 rad and 1 to 3 diameters a frame, clicked off its centre or not at all: its centre, to 0.05 px rms (the
-    drawn rim of 5 x 5 sub-pixels is off by 0.02) and 0.1 px of a common offset, half the width of a sub-pixel."""
+def carried(truth, off, turn):
+    """Where a place `off` [px] from the ball's centre (n, 2) is, as it turns by `turn` [rad] a frame."""
+    a = turn * np.arange(len(truth))
+    return truth + np.stack([np.cos(a) * off[0] - np.sin(a) * off[1], np.sin(a) * off[0] + np.cos(a) * off[1]], axis=1)
+
+
+def test_what_was_clicked_on_a_ball_of_two_tones_that_turns_is_followed():
+    """0.05 rad and 1 to 3 diameters a frame, clicked off its centre: that place, to 0.05 px rms about what all frames
+    share, which is the first frame's own error and what the drawn rim of 5 x 5 sub-pixels is off by: 0.15 px."""
     rng = np.random.default_rng(5)
     truth = toss(14, 15.0)
     frames = film(truth, rng, tone=0.4, spin=0.05, behind=scene(ruler=False))
-    how = {"method": "template", "seed": tuple(truth[0] + [2.0, -1.0])} if click else {}
-    with pytest.warns(UserWarning, match="positions are of its centre" if click else "no plain disc that moves"):
-        t = of_arrays(frames, diameter=D, **how)
+    t = of_arrays(frames, diameter=D, method="template", seed=tuple(truth[0] + [2.0, -1.0]))
+    clicked = carried(truth, (2.0, -1.0), 0.05)
     good = (t.flag == "").to_numpy()
     assert good.sum() >= 13
-    e = np.stack([t.x_px - truth[:, 0], t.y_px - truth[:, 1]], axis=1)[good]
+    e = np.stack([t.x_px - clicked[:, 0], t.y_px - clicked[:, 1]], axis=1)[good]
     assert np.sqrt(np.mean((e - e.mean(axis=0)) ** 2)) < 0.05
-    assert np.abs(e.mean(axis=0)).max() < 0.1
+    assert np.abs(e.mean(axis=0)).max() < 0.15
     assert 0.001 < np.median(t.sigma_px[good]) < 0.1
 
 
 BLUR, MANY = 0.7, 10  # px: of a lens; sub-pixels of a pixel, each way
 
 
-def lens(x, y, turn, tone=0.4, hand=None):
-    """The scene with a ball of two tones, both sharp, through a lens that blurs what is in front of it; a hand (x, y)
-    before it."""
+def lens(x, y, turn, tone=0.4):
+    """The scene with a ball of two tones, both sharp, through a lens that blurs what is in front of it."""
     n, x0, y0 = 20, round(x), round(y)
     sub = (np.arange(MANY) + 0.5) / MANY - 0.5
     at = (np.arange(-n, n + 1)[:, None] + sub).ravel()
@@ -253,92 +256,42 @@ def lens(x, y, turn, tone=0.4, hand=None):
     fine = cv2.GaussianBlur(fine, (0, 0), BLUR * MANY, borderType=cv2.BORDER_REPLICATE)
     out = np.full((H + 2 * n, W + 2 * n), 60.0)
     out[y0 : y0 + 2 * n + 1, x0 : x0 + 2 * n + 1] = fine.reshape(2 * n + 1, MANY, 2 * n + 1, MANY).mean(axis=(1, 3))
-    out = out[n:-n, n:-n].copy()
-    if hand is not None:
-        cv2.ellipse(out, tuple(int(c) for c in hand), (22, 11), 20.0, 0.0, 360.0, 135.0, -1)
-    return out
-
-
-def known(picture, x, y, noise):
-    """Cramer-Rao bounds (x, y) [px] where the scene, the ball's picture and light are known, its turn is not."""
-    gy, gx = np.gradient(picture)
-    v, u = np.indices(picture.shape)
-    turned = ((u - x) * gy - (v - y) * gx) * (np.hypot(u - x, v - y) < D / 2 - 1)
-    j = np.stack([gx.ravel(), gy.ravel(), turned.ravel()])
-    return np.sqrt(np.diag(np.linalg.inv(j @ j.T / noise**2))[:2])
+    return out[n:-n, n:-n]
 
 
 @pytest.mark.parametrize("films", [4, *later(12)])
-def test_a_ball_of_two_tones_is_measured_at_the_bound_and_its_sigma_covers(films):
-    """Films of 14 frames, noise 3, 0.05 rad a frame, blurred as a lens does. RMS within 1.2 of the bound of a known
-    picture (14 frames that teach it cost 1/14, 1.04; light and contrast the rest; the 336 values of 12 films are known
-    to 4 %, the 112 of 4 to 7 %). sigma is the larger of two axes that differ by 1.27: it covers 68 % along one, 80 %
-    along the other, 74 % in all, within three standard deviations (7 % of 336 values, 12 % of 112). The centre, shared:
-    within 3.5 of what the note says."""
-    errors, sigmas, bounds, offsets = [], [], [], []
+def test_the_sigma_of_a_target_of_two_tones_covers(films):
+    """Films of 14 frames, noise 3, 0.05 rad a frame, blurred as a lens does. sigma is the larger of two axes that
+    differ by 1.27: it covers 68 % along one, 80 % along the other, 74 % in all, within three standard deviations (7 %
+    of 336 values, 12 % of 112)."""
+    errors, sigmas = [], []
     for seed in range(films):
         rng = np.random.default_rng([9, seed])
         truth = toss(14, 15.0) + rng.uniform(-0.5, 0.5, (14, 2))
         clean = [lens(x, y, 0.05 * k) for k, (x, y) in enumerate(truth)]
         frames = [np.clip(np.rint(p + rng.normal(0, 3.0, p.shape)), 0, 255).astype(np.uint8) for p in clean]
-        with pytest.warns(UserWarning, match="known in its picture to") as said:
-            t = of_arrays(np.array(frames), diameter=D, method="template", seed=tuple(truth[0]))
+        t = of_arrays(np.array(frames), diameter=D, method="template", seed=tuple(truth[0]))
         good = (t.flag == "").to_numpy()
         e = np.stack([t.x_px - truth[:, 0], t.y_px - truth[:, 1]], axis=1)[good]
-        offsets.append(np.hypot(*np.median(e, axis=0)) / float(str(said[0].message).split("to ")[1].split(" px")[0]))
         errors.append(e - np.median(e, axis=0))
         sigmas.append(np.repeat(t.sigma_px[good].to_numpy()[:, None], 2, axis=1))
-        bounds.append(np.array([known(p, x, y, 3.0) for p, (x, y) in zip(clean, truth, strict=True)])[good])
-    error, sigma, least = (np.concatenate(v) for v in (errors, sigmas, bounds))
+    error, sigma = np.concatenate(errors), np.concatenate(sigmas)
     assert error.size >= 320 / 12 * films
-    assert np.sqrt(np.mean((error / least) ** 2)) < 1.2
     assert abs(np.mean(np.abs(error) < sigma) - 0.74) < 3 * math.sqrt(0.74 * 0.26 / (28 * films))
-    assert max(offsets) < 3.5
-
-
-def test_a_hand_that_the_ball_has_left_is_no_ball():
-    """A ball of two tones is held for three frames and flies; the hand stays. Frames with the hand before the ball are
-    flagged, the flight is at the ball to 0.1 px."""
-    rng = np.random.default_rng(12)
-    truth = np.concatenate([np.repeat(toss(12, 15.0)[:1], 3, axis=0), toss(12, 15.0)])
-    hand = truth[0] + [4.0, 12.0]
-    frames = [
-        lens(x, y, 0.05 * k, hand=(hand[0], hand[1] + 1.5 * max(0, k - 3))) + rng.normal(0, 1.0, (H, W))
-        for k, (x, y) in enumerate(truth)
-    ]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        t = of_arrays(np.array(frames), diameter=D, method="template", seed=tuple(truth[0]))
-    good = (t.flag == "").to_numpy()
-    assert good[5:].all() and not good[:3].any()
-    off = np.hypot(t.x_px - truth[:, 0], t.y_px - truth[:, 1])[good]
-    assert off.max() < 0.1
+    assert np.sqrt(np.mean(error**2)) < 0.03
 
 
 @pytest.mark.parametrize("tone", [1.0, *later(0.4)])
 def test_a_film_of_fractions_gives_what_grey_levels_give(tone):
-    """Grey over 255: the same places to a tenth of their sigma, of a disc's last fit and of a layer's."""
+    """Grey over 255: the same places to a tenth of their sigma, of a disc's last fit and of a target's."""
+    how = {} if tone == 1.0 else {"method": "template", "seed": tuple(toss(14, 15.0)[0])}
     frames = film(toss(14, 15.0), np.random.default_rng(6), tone=tone, spin=0.05, behind=scene(ruler=False), noise=2.0)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        t, f = (of_arrays(v, diameter=D) for v in (frames, frames / 255.0))
+        t, f = (of_arrays(v, diameter=D, **how) for v in (frames, frames / 255.0))
     assert (t.flag == f.flag).all() and (t.flag == "").sum() >= 12
     assert (np.hypot(t.x_px - f.x_px, t.y_px - f.y_px) < 0.1 * t.sigma_px)[t.flag == ""].all()
     assert np.allclose(t.sigma_px, f.sigma_px, rtol=0.05, equal_nan=True)
-
-
-def test_a_shadow_is_not_taken_for_a_dark_ball_of_two_tones():
-    """A round shadow beside it is the better disc; the ball changes more of the scene."""
-    rng, frames, truth = np.random.default_rng(3), [], toss(14, 15.0)
-    for k, (x, y) in enumerate(truth):
-        picture = 180.0 - 45.0 * cover(x + 13.0, y + 13.0, D)
-        picture = picture * (1 - cover(x, y, D)) + two_tones(x, y, 0.05 * k, 40.0, 150.0)
-        frames.append(np.clip(np.rint(picture + rng.normal(0, 1, (H, W))), 0, 255).astype(np.uint8))
-    with pytest.warns(UserWarning, match="no plain disc that moves"):
-        t = of_arrays(np.array(frames), diameter=D, polarity="dark")
-    good = (t.flag == "").to_numpy()
-    assert good.sum() >= 12
-    assert np.hypot(t.x_px - truth[:, 0], t.y_px - truth[:, 1])[good].max() < 0.3
 
 
 def test_nothing_is_made_of_a_hand_that_waves_where_no_click_is():

@@ -22,7 +22,6 @@ from jumpvision.experiment.workflow.run import Plan
 from jumpvision.report.figures import ON_PAGES, PICTURES
 from jumpvision.report.pages.page import FILMS
 from jumpvision.report.pages.page import PICTURES as PAGE_PICTURES
-from jumpvision.report.pages.thumbs import thumbs
 
 
 class Watching:
@@ -164,8 +163,8 @@ def test_a_campaigns_run_draws_what_is_seen_first_and_report_the_rest_which_stay
     assert done.stdout.split()[-1] == "False"  # what takes longest to load, too
     assert not [f for f in results.rglob("*") if f.suffix in (".png", ".webm")]
     command = f"jumpvision report {campaign} --results {results}"
-    for page in (page_of(results), page_of(results / "film")):  # a frame with its vectors, and how to have more
-        assert page.count('src="data:image/jpeg;base64') == 1 and command in page
+    for page in (page_of(results), page_of(results / "film")):  # how to have them
+        assert "data:image" not in page and command in page
     assert "data:image" not in page_of(results / "jump-0000") and command not in page_of(results / "jump-0000")
 
     assert main(["report", *asked]) == 0
@@ -173,23 +172,11 @@ def test_a_campaigns_run_draws_what_is_seen_first_and_report_the_rest_which_stay
     assert {"piv.png", "flow.png", "validation.png", "piv.webm"} <= {f.name for f in made}
     assert not [f for f in made if f.parent.name != "film"]  # pages draw all of a jump by themselves
     for page in (page_of(results), page_of(results / "film")):
-        assert "data:image/jpeg" not in page and command not in page
+        assert "data:image" in page and command not in page
     assert page_of(results / "film").count("<video") == 1
     assert main(["run", *asked]) == 0
     assert {f: f.stat().st_mtime_ns for f in results.glob("*/*") if f.suffix in (".png", ".webm")} == made
     assert page_of(results / "film").count("<video") == 1
-
-
-def test_a_frame_whose_film_is_gone_is_left_out_and_the_page_is_written(tmp_path):
-    campaign, results = write_campaign(tmp_path / "campaign", 1), tmp_path / "results"
-    film = grain_film(campaign / "film", 6)
-    asked = ["run", str(campaign), "--results", str(results), "--workers", "1"]
-    assert main([*asked, "--no-pictures"]) == 0
-    assert "data:image/jpeg" not in page_of(results)
-    e = open_folder(campaign)["film"]
-    assert list(thumbs(results / "film", e)) == ["piv.png", "flow.png"][:1]
-    (film / "grains.npy").unlink()
-    assert thumbs(results / "film", e) == {}
 
 
 def test_a_single_experiment_is_drawn_as_a_whole(tmp_path):

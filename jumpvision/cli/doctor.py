@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import platform
 import shutil
-import subprocess
 import tempfile
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -17,7 +16,7 @@ from .app import DONE, app, cores
 
 @app.command
 def doctor(path: Path = Path("."), /, *, json: bool = False) -> int:
-    """Versions, codecs, cores, GPU and free disk, and what to do where one is missing; for a report of a problem.
+    """Versions, codecs, cores and free disk, and what to do where one is missing; for a report of a problem.
 
     Example: jumpvision doctor
 
@@ -58,7 +57,7 @@ def findings(folder: Path) -> list[Finding]:
         ("python", platform.python_version(), ""),
         ("system", platform.platform(), ""),
     ]
-    return [*system, *packages(), *codecs(), *processors(), gpu(), browser(), *disk(folder)]
+    return [*system, *packages(), *codecs(), *processors(), browser(), *disk(folder)]
 
 
 def packages() -> list[Finding]:
@@ -96,19 +95,6 @@ def processors() -> list[Finding]:
         size = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 1e9
         out.append(("memory", f"{size:.1f} GB", ""))
     return out
-
-
-def gpu() -> Finding:
-    """NVIDIA GPUs; nothing here needs one."""
-    asked = "nvidia-smi", "--query-gpu=name,memory.total", "--format=csv,noheader"
-    if shutil.which(asked[0]) is None:
-        return "GPU", "none found (none is needed)", ""
-    try:
-        said = subprocess.run(asked, capture_output=True, text=True, timeout=10)
-    except (OSError, subprocess.TimeoutExpired) as e:
-        return "GPU", f"nvidia-smi does not answer: {e}", ""
-    names = "; ".join(said.stdout.split("\n")).strip("; ") if said.returncode == 0 else ""
-    return "GPU", f"{names} (not used)" if names else "none found (none is needed)", ""
 
 
 def browser() -> Finding:

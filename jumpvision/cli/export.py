@@ -11,10 +11,8 @@ from .app import DONE, app
 
 
 @app.command
-def export(
-    path: Path, /, *, to: Literal["csv", "vtk", "tecplot", "mat", "ro-crate"], out: Path, json: bool = False
-) -> int:
-    """Results for other programs: CSV or MATLAB of tables and fields, VTK or Tecplot of fields, RO-Crate.
+def export(path: Path, /, *, to: Literal["csv", "vtk", "ro-crate"], out: Path, json: bool = False) -> int:
+    """Results for other programs: CSV of tables and fields, VTK of fields, RO-Crate.
 
     Example: jumpvision export results/loose_sand --to csv --out loose_sand_csv
 
@@ -23,8 +21,7 @@ def export(
     path
         A folder of results; or the folder of an experiment or campaign whose results lie in their default place.
     to
-        csv, mat (MATLAB), vtk (a .vti file for each time, and .pvd lists), tecplot (.dat), or ro-crate: everything
-        (needs jumpvision[ro-crate]).
+        csv, vtk (a .vti file for each time, and .pvd lists), or ro-crate: everything (needs jumpvision[ro-crate]).
     out
         A folder that is not there yet: it appears when all is written.
     """
@@ -34,10 +31,8 @@ def export(
     from jumpvision.experiment.inputs.experiment import EXPERIMENT, folder_of, is_campaign
     from jumpvision.report.export.crate import write_crate
     from jumpvision.report.export.images import write_images
-    from jumpvision.report.export.matlab import write_matlab
     from jumpvision.report.export.results import results_in
     from jumpvision.report.export.tables import write_tables
-    from jumpvision.report.export.tecplot import write_tecplot
 
     from . import terminal
 
@@ -52,8 +47,8 @@ def export(
     sweep_leftovers(parent, parent)
     aside = aside_folder(parent)
     try:
-        writers = {"csv": write_tables, "mat": write_matlab, "vtk": write_images, "tecplot": write_tecplot}
-        notes = {**writers, "ro-crate": write_crate}[to](found, aside)
+        writers = {"csv": write_tables, "vtk": write_images, "ro-crate": write_crate}
+        notes = writers[to](found, aside)
         if out.exists():
             out.rmdir()
         os.rename(aside, out)

@@ -168,7 +168,6 @@ def show(done: Run, options: Options, *, page: bool = False) -> int:
                 single=done.single,
                 warned=done.warnings,
                 diagnosis=done.diagnosis,
-                pictured=options.pictures,
             )
         )
     terminal.outcome(done, as_json=options.json, whole=options.table)

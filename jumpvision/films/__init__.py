@@ -13,17 +13,15 @@ NAMES = {  # name: the module that has it
     "track": "arrays.track",
     "triangulate": "arrays.space",
     "piv": "arrays.piv",
-    "paths": "arrays.paths",
     "bed": "arrays.bed",
     "crater": "arrays.crater",
-    **dict.fromkeys(("TrackParams", "PivParams", "PathsParams", "BedParams", "CraterParams"), "parameters"),
+    **dict.fromkeys(("TrackParams", "PivParams", "BedParams", "CraterParams"), "parameters"),
     "track_film": "vision.ball.film",
     **dict.fromkeys(("BallSettings", "BallTrack"), "vision.ball.track"),
     **dict.fromkeys(("piv_film", "piv_pair"), "vision.piv.engine"),
     "VectorField": "vision.piv.pair",
     "VectorGrid": "grains.grid",
     **dict.fromkeys(("Camera", "camera"), "vision.camera"),
-    **dict.fromkeys(("Pinhole", "pinhole"), "vision.stereo"),
 }
 
 

@@ -211,32 +211,6 @@ LEAST_WHITE = Calibrated(
     "frame.white",
 )
 
-# ---- paths of grains: films.grains.paths -----------------------------------------------------------------------------
-OWN_NOISE = Calibrated(
-    0.01,
-    "share of a displacement's variance that belongs to its pair alone and not to one of its two frames; what set it "
-    "is not recorded, the flows of tests/test_paths.py did not",
-    "tests/test_paths.py",
-    "2026-11-24",
-    "paths.carried: sigma of a place",
-)
-SUDDEN_NOISE = Calibrated(
-    2.0,
-    "times the variance before: what exceeds it is the pair's own, a bad match; likewise",
-    "tests/test_paths.py",
-    "2026-11-24",
-    "paths.carried",
-)
-ROUNDED_OFF = Calibrated(
-    (0.0093, 0.0058, 0.0036, 0.0031),
-    "of window^2 (d_xx + d_yy), 0, 1, 2, 3 and more vectors from the border or from where nothing is measured: drawn "
-    "cells of 126 and 157 px, window 24, step 8, noise 2 and 6: 0.0081, 0.0043, 0.0024, 0.0019 (with borders that went "
-    "on straight 0.0137, 0.0081, 0.0035, 0.0017). Layer and vortex of tests/test_paths.py, which judges it, raised it",
-    "tests/test_paths.py",
-    "2026-11-25",
-    "paths.carried: sigma of a place",
-)
-
 # ---- foot, bed, cone -------------------------------------------------------------------------------------------------
 FACE_OF_FOOT = Calibrated(
     0.5,
@@ -304,24 +278,10 @@ CONTOUR_OF_CONE = Calibrated(
 )
 
 # ---- ball and marks --------------------------------------------------------------------------------------------------
-FIELD_OF_FRAME = Calibrated(
-    1.2,
-    "times a fit's own sigma: half of the rows of a field are made up; drawn discs of 15 to 22 px, errors along rows",
-    "benchmarks/clips.py",
-    "2026-11-24",
-    "fields: sigma of a ball in interlaced frames",
-)
-OUTLINE_RADIUS = Calibrated(
-    (0.1, 0.5),
-    "px: of the radius of an outline, and of one that is only given; what set it is not recorded",
-    "benchmarks/clips.py",
-    "2026-11-24",
-    "ball.appearance.joint: prior on the radius",
-)
 CLICKED_MARK = Calibrated(
     0.5,
     "px, each coordinate of a mark that is clicked; not measured, an assumption",
     "none",
     "2026-11-21",
-    "camera, stereo: sigma of scale and places where the marks have none to spare",
+    "camera, space: sigma of scale and places where the marks have none to spare",
 )

@@ -127,28 +127,11 @@ class PivParams(Params):
         "ones, for means and fits",
         choices=("none", "adaptive"),
     )
-    backend: str = param(
-        "numpy",
-        "",
-        "where the correlation passes are computed; a GPU needs CuPy or PyTorch",
-        choices=("numpy", "cupy", "torch"),
-    )
     foot_rows: int = param(16, "px", "rows of the foot's body used to follow its lower face", lo=4, hi=500)
 
     def check(self) -> list[str]:
         """At least one pass."""
         return [] if self.passes else ["passes = []: must name window sizes, large to small, as [64, 32]"]
-
-
-@dataclass(frozen=True)
-class PathsParams(Params):
-    """Paths of grains through the velocity field."""
-
-    stage: ClassVar[str] = "paths"
-
-    spacing: float = param(0.0, "px", "between the points where paths start; 0: no paths", lo=0, hi=1e4)
-    start: int = param(0, "fields", "the field that they start with", lo=0, hi=10**9)
-    most: int = param(300_000, "", "paths; a spacing that gives more is refused", lo=1, hi=10**9)
 
 
 @dataclass(frozen=True)

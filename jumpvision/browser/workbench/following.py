@@ -121,7 +121,7 @@ def refuse_other(wanted: BallFilm, made: BallFilm, of: Followed) -> None:
 def _rests_on(balls: BallFilm, of: Followed) -> tuple[object, ...]:
     film = balls.film
     settings = balls.settings(of.shape, of.exposure, film.frame_rate or 0.0 if of.exposure else 0.0)
-    own = film.path, film.fields, film.axes, film.truncated, film.exposure
+    own = film.path, film.axes, film.truncated, film.exposure
     return settings, balls.scene, balls.markers, *own
 
 

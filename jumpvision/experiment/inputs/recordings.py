@@ -99,13 +99,6 @@ class RodVideo(FileSection):
     clock: str = _clock()
     axes: str = _axes()
     truncated: str = _truncated()
-    fields: str = param(
-        "together",
-        "",
-        "of an interlaced film: its half pictures one by one, the upper rows (top) or the lower ones (bottom) first; "
-        "they are then the frames that are counted",
-        choices=("together", "top", "bottom"),
-    )
     up: str = param("-y", "", "image direction of physical up", choices=("-y", "+y", "-x", "+x"))
     origin: tuple[float, ...] = param(
         (), "px", "[column, row] of the origin of x_m and y_m in track.csv; y along the rail, x to its right"

@@ -106,13 +106,6 @@ class Profiles(Table):
     columns = ("line", "s", "x", "y", "along", "across", "u", "v")
 
 
-class Paths(Table):
-    """Paths of grains, a row a point and frame, in the axes and the unit of piv.nc; x and y are NaN where one ends."""
-
-    file = "paths.csv"
-    columns = ("id", "t", "x", "y", "x_sigma", "y_sigma", "start_x", "start_y", "reason")
-
-
 class RodMotion(Table):
     """Height of the rod [m] against time, zero at rest, only where it is known.
 

@@ -28,7 +28,6 @@ from jumpvision.experiment.inputs.sections import (
 from jumpvision.experiment.workflow.stage import StageWarning
 from jumpvision.films.frames import Film, FrameError, open_frames
 from jumpvision.films.vision.camera import Camera, camera, straight_map, straight_points
-from jumpvision.films.vision.fields import Fields
 
 from .pairs import in_pairs
 
@@ -44,14 +43,10 @@ def open_film(section: RodVideo | GrainVideo, seen: Callable[[Image], None] | No
     if isinstance(section, GrainVideo) and section.pairs:
         film = in_pairs(section)
     else:
-        halved = isinstance(section, RodVideo) and section.fields != "together"
-        watch = None if halved else seen
         rate, start = section.frame_rate, section.start
-        film = open_frames(section.path, frame_rate=rate, start=start, seen=watch, axes=section.axes)
+        film = open_frames(section.path, frame_rate=rate, start=start, seen=seen, axes=section.axes)
         if section.clock == "declared":
             film = timed_as_declared(film, section)
-        if isinstance(section, RodVideo) and halved:
-            film = Fields(film, lower=section.fields == "bottom")
     if film.truncated and section.truncated != "accept":
         film.close()
         raise FrameError(

@@ -18,13 +18,12 @@ from jumpvision.experiment.inputs.logs import read_log
 from jumpvision.experiment.inputs.sections import Actuation, Calibration, RodCorrections, RodVideo, lacking
 from jumpvision.experiment.results.tables import Track
 from jumpvision.experiment.workflow.stage import StageWarning, stage
-from jumpvision.films.calibration import FIELD_OF_FRAME
 from jumpvision.films.frames import Film
 from jumpvision.films.parameters import TrackParams
 from jumpvision.films.vision.ball.film import FilmTracker, track_film
 from jumpvision.films.vision.ball.track import BallSettings, BallTrack
 from jumpvision.films.vision.camera import Camera
-from jumpvision.films.vision.fields import INTERLACED, order_of
+from jumpvision.films.vision.interlaced import INTERLACED, is_interlaced
 
 from .recordings import SCALE_OF_PIXELS, height_share, in_pixels, open_film, other_lens, view_of, with_common
 
@@ -41,7 +40,7 @@ def in_px_alone(actuation: Actuation | None) -> bool:
     return actuation is None or actuation.kind == "none"
 
 
-@stage(version=15, needs=needs_of_track)
+@stage(version=16, needs=needs_of_track)
 def track(
     film: RodVideo,
     calibration: Calibration | None,
@@ -88,10 +87,8 @@ def see_film(film: RodVideo, calibration: Calibration | None, p: TrackParams) ->
     with open_film(film, balls.see if balls.ready else None) as frames:
         found = balls.followed(frames)
         # with a tenth of the frames lost, the film is asked whether it is interlaced
-        if film.fields == "together" and np.mean(found.tracks[0].flag != "") > 0.1 and (order := order_of(frames)):
-            warnings.warn(
-                StageWarning("frames", INTERLACED.format("[rod_video] fields", order), film.name), stacklevel=2
-            )
+        if np.mean(found.tracks[0].flag != "") > 0.1 and is_interlaced(frames):
+            warnings.warn(StageWarning("frames", INTERLACED, film.name), stacklevel=2)
     return found
 
 
@@ -301,10 +298,8 @@ class BallFilm:
         return track_film(frames, settings, scene=self.scene, markers=self.markers)
 
     def followed(self, frames: Film) -> Followed:
-        """The tracks with the film's clock, the sigma of half pictures as it is; see `tracks`."""
+        """The tracks with the film's clock; see `tracks`."""
         tracks, exposure = self.tracks(frames), self.exposure(frames)
-        if self.film.fields != "together":
-            tracks = [replace(ball, sigma=ball.sigma * FIELD_OF_FRAME.value) for ball in tracks]
         rows, columns = frames.shape
         return Followed(tracks, frames.time + exposure / 2, exposure, (rows, columns))
 

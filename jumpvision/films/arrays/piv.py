@@ -15,12 +15,12 @@ from jumpvision.base.parameters import of_keywords
 from jumpvision.base.schema import InputError, StageWarning
 from jumpvision.films.parameters import PivParams
 from jumpvision.films.vision.compression import coding
-from jumpvision.films.vision.piv.engine import Usable, best_prefilter
+from jumpvision.films.vision.piv.engine import Usable
 from jumpvision.films.vision.piv.light import light_of
 from jumpvision.films.vision.piv.pair import REASONS
 
 from .images import film_at, grey_images, in_grey, scale_problem, usable_pixels
-from .velocities import Places, fields_of, header, matching, velocities
+from .velocities import Places, fields_of, header, velocities
 
 
 def piv(
@@ -63,15 +63,13 @@ def piv(
     masks = both(usable_of(mask, given), usable_pixels(given))
     frames = in_grey(given)
     light = light_of(frames, stride, p)
-    first, second = light(frames[0], 0), light(frames[p.gap], p.gap)
-    prefilter, begun = best_prefilter(first, second, mask=masks, gap=p.gap, **matching(p))
-    head = header(time, frames[0].shape, Places("images", scale, 0.0, 0.0, 0.0), prefilter, stride, p)
+    head = header(time, frames[0].shape, Places("images", scale, 0.0, 0.0, 0.0), stride, p)
     lit = (light(frame, k) for k, frame in enumerate(frames))
     coded, said = coding(film, frames)
     if said:
         warnings.warn(StageWarning("frames", said), stacklevel=2)
     apart = float(time[p.gap] - time[0])
-    fields = [velocities(f, scale, apart) for f in fields_of(lit, masks, prefilter, stride, p, begun, coded)]
+    fields = [velocities(f, scale, apart) for f in fields_of(lit, masks, stride, p, coded)]
     if not any(np.isfinite(f.u).any() for f in fields):
         raise ValueError(f"piv: no vector in the field: {reasons(fields[0])}")
     whole = xr.concat(fields, dim="t").assign_coords(head.coords).assign_attrs(head.attrs)

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import warnings
-
+import cv2
 import numpy as np
 import pandas as pd
+import scipy
 from numpy.typing import ArrayLike
 
 from jumpvision.base.arrays import Array
-from jumpvision.base.schema import InputError, StageWarning
-from jumpvision.films.vision.stereo import FAR, Pinhole, at_times, pinhole
-from jumpvision.films.vision.stereo import triangulate as places_of
+from jumpvision.base.schema import InputError
+from jumpvision.films.calibration import CLICKED_MARK
 
 from .motion import with_derivatives
 
-COLUMNS = ("time_s", "x_px", "y_px", "sigma_px")  # what two cameras' tables must have
+COLUMNS = ["time_s", "x_px", "y_px", "sigma_px"]  # what two cameras' tables must have
+MAX_MISS_SIGMA = 5.5  # by which the rays of one body miss each other: chance 4e-8
+WHY = "lost by the first camera", "lost by the second camera", "the two rays miss each other: not the same body"
 
 
 def triangulate(
@@ -26,16 +27,14 @@ def triangulate(
     seen_second: ArrayLike,
     *,
     offset: float = 0.0,
-    ball_diameter: float = 0.0,
-    lens: bool = False,
     window: int = 7,
 ) -> pd.DataFrame:
-    """One body in space from two cameras: a row a frame of the first camera.
+    """Find one body in space from two cameras: a row a frame of the first camera.
 
-    first, second: tables with time_s, x_px, y_px, sigma_px, as `jv.track` gives (x right, y down, no axes needed).
-    marks: (n, 3) [m], n >= 6, places that both cameras saw, not in one plane; seen_first, seen_second: (n, 2) column,
-    row [px] of them. offset [s]: what is added to the second camera's clock. ball_diameter [m]: of a ball, whose
-    outline is not centred on it. lens: fit each camera's radial distortion too. window: as in `jv.track`.
+    first, second: tables with time_s, x_px, y_px, sigma_px, as `jv.track` gives (x right, y down, no axes needed), of
+    pictures without distortion. marks: (n, 3) [m], n >= 6, places that both cameras saw, not in one plane; seen_first,
+    seen_second: (n, 2) column, row [px] of them. offset [s]: what is added to the second camera's clock. window: as in
+    `jv.track`.
 
     Columns: frame, time_s; x_m, y_m, z_m in the axes of the marks; sigma_x_m ... independent from frame to frame;
     sigma_common_x_m ... of the calibration, shared by all frames; miss_sigma, by how much the two rays miss each other;
@@ -44,48 +43,55 @@ def triangulate(
 
     Example: jv.triangulate(jv.track(film_a, frame_rate=500), jv.track(film_b, frame_rate=500), marks, seen_a, seen_b)
     """
-    cameras = tuple(
-        _camera(name, pixel, marks, lens) for name, pixel in zip(("first", "second"), (seen_first, seen_second))
-    )
-    for name, table in (("first", first), ("second", second)):
-        missing = [c for c in COLUMNS if c not in table.columns]
-        if missing or len(table) < 2:
-            what = f"columns missing: {missing}" if missing else "fewer than 2 rows"
-            raise InputError([f"jv.triangulate: {name} table: {what}; give what jv.track gives"])
-    time = first.time_s.to_numpy(float)
-    pixels, sigmas = _pixels(first)
-    others, other_sigmas = at_times(second.time_s.to_numpy(float) + offset, *_pixels(second), time)
-    found = places_of((cameras[0], cameras[1]), (pixels, others), (sigmas, other_sigmas), ball_diameter / 2.0)
-    lost = ~np.isfinite(found.place).all(axis=1)
-    apart = ~lost & (found.miss > FAR)
-    unseen = ~np.isfinite(pixels).all(axis=1)
-    why = ["lost by the first camera", "lost by the second camera", "the two rays miss each other"]
-    flag = np.select([unseen, lost, apart], why, "")
-    if apart.any():
-        text = f"{np.count_nonzero(apart)} of {len(time)} frames: the two rays miss each other by more than {FAR} sigma"
-        said = f"{text}; do both follow the same body? check marks and offset too"
-        warnings.warn(StageWarning("differs", said), stacklevel=2)
-    place, sigma = (np.where((lost | apart)[:, None], np.nan, a) for a in (found.place, found.sigma))
-    out = pd.DataFrame({"frame": range(len(time)), "time_s": time})
-    for k, axis in enumerate("xyz"):
-        out[f"{axis}_m"] = place[:, k]
-    for k, axis in enumerate("xyz"):
-        out[f"sigma_{axis}_m"], out[f"sigma_common_{axis}_m"] = sigma[:, k], found.common[:, k]
-    return with_derivatives(out.assign(miss_sigma=found.miss), place.T, sigma.max(axis=1), "xyz", "m", window).assign(
-        flag=flag
-    )
+    if missing := {*COLUMNS} - ({*first.columns} & {*second.columns}):
+        raise InputError([f"jv.triangulate: a table without {sorted(missing)}; give what jv.track gives"])
+    (p, changes_p), (q, changes_q) = _camera("first", marks, seen_first), _camera("second", marks, seen_second)
+    (time, *a, sigma_a), (late, *b, sigma_b) = first[COLUMNS].to_numpy(float).T, second[COLUMNS].to_numpy(float).T
+    good, late = np.isfinite(sigma_b), late + offset  # the second's pixels at the first's times: cubics, none at a gap
+    known = np.interp(time, late, good, left=0.0, right=0.0) == 1.0
+    b = np.where(known, scipy.interpolate.CubicSpline(late[good], np.array(b)[:, good], axis=1)(time), np.nan)
+    base, sigma_b = _crossing(p, q, a, b), np.interp(time, late[good], sigma_b[good])
+    by_pixels = [_crossing(p, q, a + sigma_a * e, b) for e in np.eye(2)[:, :, None]]
+    by_pixels += [_crossing(p, q, a, b + sigma_b * e) for e in np.eye(2)[:, :, None]]
+    by_cameras = [_crossing(p + d, q, a, b) for d in changes_p] + [_crossing(p, q + d, a, b) for d in changes_q]
+    own, common = (np.sqrt(np.sum((np.array(moved) - base) ** 2, axis=0)) for moved in (by_pixels, by_cameras))
+    miss = np.abs(base[3]) / np.hypot(own[3], common[3])
+    flag = np.select([np.isnan(sigma_a), np.isnan(miss), miss > MAX_MISS_SIGMA], WHY, "")
+    place, sigma = (np.where(flag == "", v[:3], np.nan) for v in (base, own))
+    place += np.mean(np.asarray(marks, float), axis=0)[:, None]
+    out = pd.DataFrame({"frame": range(len(time)), "time_s": time, **dict(zip(("x_m", "y_m", "z_m"), place))})
+    for axis, one, shared in zip("xyz", sigma, common):
+        out[f"sigma_{axis}_m"], out[f"sigma_common_{axis}_m"] = one, shared
+    return with_derivatives(out.assign(miss_sigma=miss), place, sigma.max(axis=0), "xyz", "m", window).assign(flag=flag)
 
 
-def _camera(name: str, pixel: ArrayLike, marks: ArrayLike, lens: bool) -> Pinhole:
-    pixel, marks = np.asarray(pixel, float), np.asarray(marks, float)
-    if len(pixel) != len(marks):
-        text = f"{len(pixel)} pixels of {len(marks)} marks; give one each, in the same order"
-        raise InputError([f"jv.triangulate: {name} camera: {text}"])
-    try:
-        return pinhole(pixel, marks, lens=lens)
-    except ValueError as error:
-        raise InputError([f"jv.triangulate: {name} camera: {error}"]) from error
+def _crossing(p: Array, q: Array, a: ArrayLike, b: ArrayLike) -> Array:
+    """Return x, y, z [m] where the rays of pixels a, b (2, n) of cameras p, q (3, 4) meet, and a number that is 0
+    where they do: (4, n), NaN where a pixel is."""
+    rows = np.stack([c[k] - v[:, None] * c[2] for c, vs in ((p, a), (q, b)) for k, v in enumerate(np.asarray(vs))], 1)
+    place = cv2.triangulatePoints(p, q, *(np.nan_to_num(v) for v in (a, b)))
+    return np.vstack([place[:3] / place[3], np.linalg.det(np.nan_to_num(rows))]) + 0.0 * rows.sum(axis=(1, 2))
 
 
-def _pixels(table: pd.DataFrame) -> tuple[Array, Array]:
-    return table[["x_px", "y_px"]].to_numpy(float), table.sigma_px.to_numpy(float)
+def _camera(name: str, marks: ArrayLike, seen: ArrayLike) -> tuple[Array, Array]:
+    """Return the camera (3, 4), about the middle of the marks, by the direct linear transformation (Abdel-Aziz & Karara
+    1971) with rows in pixels, and 11 independent changes (11, 3, 4) of it by one standard uncertainty."""
+    place, pixel = np.asarray(marks, float), np.asarray(seen, float)
+    said = f"jv.triangulate: {name} camera: pixels {pixel.shape}, marks {place.shape}: "
+    if (place.shape[1:], pixel.shape) != ((3,), (len(place), 2)) or not np.isfinite(np.hstack([place, pixel])).all():
+        raise InputError([said + "give (n, 2) of (n, 3), in the same order, all of them finite numbers"])
+    ones, depth = np.column_stack([place - place.mean(axis=0), np.ones(len(place))]), np.ones(len(place))
+    if len(place) < 6 or np.divide(*np.linalg.svd(ones[:, :3])[1][[2, 0]]) < 1e-2:
+        raise InputError([said + "give 6 marks or more, not in one plane or nearly so"])
+    rows = np.vstack([np.hstack([np.kron(e, ones), -v[:, None] * ones[:, :3]]) for e, v in zip(np.eye(2), pixel.T)])
+    for _ in range(10):  # each takes the depths, by which rows count, from the one before
+        design, wanted = rows / np.tile(depth, 2)[:, None], (pixel.T / depth).ravel()
+        camera = np.append(np.linalg.lstsq(design, wanted)[0], 1.0)
+        depth = ones @ camera[8:]
+    if (depth <= 0.0).any() or np.linalg.det(camera.reshape(3, 4)[:, :3]) <= 0.0:  # behind it, or mirrored
+        raise InputError([said + "no camera sees them so; are both in the same order, rows counted down?"])
+    left, size = design @ camera[:11] - wanted, np.linalg.norm(design, axis=0)
+    noise = np.sqrt(left @ left / (left.size - 11)) if left.size >= 14 else CLICKED_MARK.value
+    _, s, turned = np.linalg.svd(design / size, full_matrices=False)
+    changes = np.column_stack([noise * turned / s[:, None] / size, np.zeros(11)])
+    return camera.reshape(3, 4), changes.reshape(11, 3, 4)

@@ -7,7 +7,6 @@ import math
 import os
 import warnings
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,12 +17,11 @@ from jumpvision.base.arrays import Array, Image
 from jumpvision.base.parameters import of_keywords
 from jumpvision.base.schema import InputError, StageWarning
 from jumpvision.estimate.height import exposure_shift, shift_noise, shift_sigma
-from jumpvision.films.calibration import FIELD_OF_FRAME
 from jumpvision.films.frames import Film
 from jumpvision.films.parameters import TrackParams
 from jumpvision.films.vision.ball.film import track_film
 from jumpvision.films.vision.ball.track import BallSettings, BallTrack
-from jumpvision.films.vision.fields import INTERLACED, ORDERS, field, order_of
+from jumpvision.films.vision.interlaced import INTERLACED, is_interlaced
 
 from .images import film_at, grey_images, in_grey, only_numbers, scale_problem
 from .motion import with_derivatives
@@ -39,7 +37,6 @@ def track(
     angle: float = 0.0,
     masses: tuple[float, ...] = (),
     window: int = 7,
-    fields: str = "together",
     **parameters: Any,
 ) -> pd.DataFrame:
     """A ball in every one of the frames (n, H, W), an array, a sequence of grey images or a film's path: a row a frame.
@@ -48,9 +45,8 @@ def track(
     then those at mid-exposure. origin: (column, row) [px] of the axes' origin; angle [rad] of the x axis, counter-
     clockwise from the picture's row. masses [kg]: of the ball and of those at `markers`, for their centre of mass.
     window: frames of the parabola from which speed and acceleration are taken; fewer where the acceleration changes
-    within them. fields: of interlaced frames, "top" or "bottom": a row for each of their half pictures, whose upper or
-    lower rows come first. parameters: those of [params.track], such as diameter=12 [px], polarity="dark",
-    seed=(column, row), markers=[(column, row)].
+    within them. parameters: those of [params.track], such as diameter=12 [px], polarity="dark", seed=(column, row),
+    markers=[(column, row)].
 
     Columns: body (with markers: from 1; 0 is the centre of mass), frame, time_s, x_px right, y_px down, sigma_px (of
     either); with a scale, an origin or an angle x, y up and sigma in the axes; vx, vy, v_sigma, ax, ay, a_sigma; the
@@ -63,7 +59,7 @@ def track(
     p = of_keywords(TrackParams, parameters, folder=("exposure_correction",), frame_rate=frame_rate or 1.0)
     film = film_at(frames, frame_rate) if isinstance(frames, str | os.PathLike) else None
     images: Film | Sequence[Image]
-    if film is not None and film.dtype.kind == "u" and fields == "together":
+    if film is not None and film.dtype.kind == "u":
         images = film  # one frame at a time
     else:
         images = in_grey(only_numbers("track", grey_images("track", film or frames)))
@@ -71,24 +67,17 @@ def track(
         frame_rate = film.rate if film else 1.0
     if not images:
         raise ValueError("track: no frame: give grey images (H, W), one or more in a stack")
-    if fields not in ORDERS:
-        raise InputError([f"jv.track fields = {fields!r}: must be one of {', '.join(ORDERS)}"])
-    if halved := fields != "together":
-        images = [field(f, lower) for f in images for lower in (fields == "bottom", fields == "top")]
-        frame_rate *= 2.0
     _check(p, exposure, frame_rate, origin, angle, masses, window)
     seed = (p.seed[0], p.seed[1]) if p.seed else None
     settings = BallSettings(p.diameter, p.polarity, p.method, p.search, seed, exposure > 0.0, exposure * frame_rate)
     markers = [(m[0], m[1]) for m in p.markers]
     found = track_film(images, settings, scene=p.background == "static", markers=markers)
-    if halved:
-        found = [replace(ball, sigma=ball.sigma * FIELD_OF_FRAME.value) for ball in found]
-    elif order := order_of(images):
-        warnings.warn(StageWarning("frames", INTERLACED.format("fields", order)), stacklevel=2)
+    if is_interlaced(images):
+        warnings.warn(StageWarning("frames", INTERLACED), stacklevel=2)
     for number, ball in enumerate(found, 1):
         for note in ball.notes:
             warnings.warn(StageWarning("frames", f"ball {number}: {note}" if markers else note), stacklevel=2)
-    begun = film.time - film.time[0] if film and not halved else np.arange(len(images)) / frame_rate
+    begun = film.time - film.time[0] if film else np.arange(len(images)) / frame_rate
     time = begun + exposure / 2.0
     bodies = [_in_pixels(ball, time, exposure) for ball in found]
     if masses:

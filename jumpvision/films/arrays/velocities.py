@@ -31,21 +31,19 @@ class Places(NamedTuple):
 
 def matching(p: PivParams) -> dict[str, Any]:
     """What `piv_film` calls settings."""
-    names = "preset", "smooth", "window", "step", "passes", "min_correlation", "min_texture", "outlier", "backend"
+    names = "preset", "smooth", "window", "step", "passes", "min_correlation", "min_texture", "outlier"
     return {name: getattr(p, name) for name in names}
 
 
 def fields_of(
     images: Iterable[NDArray[np.generic]],
     usable: Usable | None,
-    prefilter: float,
     stride: int,
     p: PivParams,
-    begun: VectorField | None = None,
     coded: float = 0.0,
 ) -> Iterator[VectorField]:
-    """Fields of the pairs of frames that have their light; begun: that of the first pair, where it is known; coded:
-    what the film's codec may add to a displacement [px]."""
+    """Fields of the pairs of frames that have their light; coded: what the film's codec may add to a displacement
+    [px]."""
     return piv_film(
         images,
         mask=usable,
@@ -53,8 +51,6 @@ def fields_of(
         baseline=p.baseline,
         ensemble=p.ensemble,
         stride=stride,
-        prefilter=prefilter,
-        begun=begun,
         coded=coded,
         **matching(p),
     )
@@ -71,7 +67,7 @@ def of_fields(values: Array, p: PivParams) -> Array:
     return np.asarray(np.add.reduceat(values, first) / np.diff(first, append=len(values)))
 
 
-def header(time: Array, shape: tuple[int, int], at: Places, prefilter: float, stride: int, p: PivParams) -> xr.Dataset:
+def header(time: Array, shape: tuple[int, int], at: Places, stride: int, p: PivParams) -> xr.Dataset:
     """Places, times and attributes of pivpy schema 1: y up, origin as in the contract, SI where the scale is known."""
     begin, end = ends(time, stride, p)
     x, y = (vector_places(n, p.window, p.step) for n in shape[::-1])
@@ -108,7 +104,6 @@ def header(time: Array, shape: tuple[int, int], at: Places, prefilter: float, st
         smooth=p.smooth,
         baseline_frames=p.baseline,
         where="a vector is the velocity at (x, y) half-way in time between its two frames; x right, y up",
-        prefilter_px=prefilter,
     )
 
 

@@ -18,7 +18,7 @@ WINDOWS = "window_px", "step_px"
 SETTINGS = "preset", "smooth", "gap_frames", "stride_frames", "baseline_frames", "ensemble_pairs"
 SCALE = "scale_m_per_px", "scale_share"
 ORDER = {  # of the attributes in the file of a field that our piv matched, and of one that another program did
-    True: (*FIRST, *SCALE, *PLACES, *WINDOWS, *SIZE, *SETTINGS, "error_correlation_length_px", "where", "prefilter_px"),
+    True: (*FIRST, *SCALE, *PLACES, *WINDOWS, *SIZE, *SETTINGS, "error_correlation_length_px", "where"),
     False: (*FIRST, "foot", *SCALE, *WINDOWS, "error_correlation_length_px", *PLACES, *SIZE, "where", "kernel"),
 }
 

@@ -12,9 +12,7 @@ from jumpvision.base.schema import InputError
 
 from .images import write_film as write_vti
 from .images import write_legacy
-from .matlab import write_variables
 from .tables import write_rows
-from .tecplot import write_film as write_dat
 
 
 def write_field(data: xr.Dataset, file: Path) -> list[Path]:
@@ -53,19 +51,9 @@ def _pvd(data: xr.Dataset, file: Path) -> list[Path]:
     return [file, *sorted(file.parent.glob(f"{file.stem}_[0-9][0-9][0-9][0-9].vti"))]
 
 
-def _dat(data: xr.Dataset, file: Path) -> list[Path]:
-    write_dat(_over_time(data), file.parent, file.stem)
-    return [file]
-
-
 def _csv(data: xr.Dataset, file: Path) -> list[Path]:
     dims = [d for d in ("t", "y", "x") if d in data.dims]
     write_rows(data, dims, [str(n) for n, v in data.data_vars.items() if set(v.dims) == set(dims)], file)
-    return [file]
-
-
-def _mat(data: xr.Dataset, file: Path) -> list[Path]:
-    write_variables(data, file)
     return [file]
 
 
@@ -77,8 +65,6 @@ def _netcdf(data: xr.Dataset, file: Path) -> list[Path]:
 WRITERS: Mapping[str, Callable[[xr.Dataset, Path], list[Path]]] = {
     ".vtk": _vtk,
     ".pvd": _pvd,
-    ".dat": _dat,
     ".csv": _csv,
-    ".mat": _mat,
     ".nc": _netcdf,
 }

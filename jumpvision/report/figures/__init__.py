@@ -20,7 +20,7 @@ PICTURES = tuple(f"jumpvision.report.figures.{module}" for module in DRAWN)  # w
 # by the page itself, and for print by `jumpvision figures`.
 ON_PAGES = (
     *("track.png", "bed.png", "crater.png", "piv.png", "flow.png"),
-    *("validation.png", "statistics.png", "profiles.png", "paths.png"),
+    *("validation.png", "statistics.png", "profiles.png"),
     *("track.webm", "piv.webm", "cone.webm"),
 )
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from jumpvision.base.arrays import Array
 from jumpvision.experiment.inputs.sections import NotApplicable
 from jumpvision.experiment.results.fields import Piv, Statistics, by_time
-from jumpvision.experiment.results.tables import Paths, Profiles
+from jumpvision.experiment.results.tables import Profiles
 from jumpvision.experiment.workflow.stage import stage
 from jumpvision.films.vision.piv.pair import MASKED, REASONS
 from jumpvision.report.style import MAP, MEASURED, MODEL, QUIET, SIGNED, NewFigure, styled
@@ -40,10 +40,6 @@ class StatisticsPicture(Picture):
 
 class ProfilesPicture(Picture):
     file = "profiles.png"
-
-
-class PathsPicture(Picture):
-    file = "paths.png"
 
 
 def worst_and_shares(field: xr.Dataset) -> tuple[int, Array, Array]:
@@ -224,38 +220,3 @@ def profiles_picture(found: Profiles, piv: Piv) -> ProfilesPicture:
                 axis.axhline(0.0, color=QUIET, lw=0.6)
                 axis.legend(fontsize=7)
         return ProfilesPicture(png(figure))
-
-
-@stage(version=1, picture=True)
-def paths_picture(found: Paths, piv: Piv) -> PathsPicture:
-    """Paths over the vectors that were measured at their last time, coloured by mean speed; rings where they start,
-    crosses where one ended before."""
-    from matplotlib.collections import LineCollection
-
-    grid, field = piv.geometry, piv.field
-    factor, shown = (1e3, "mm") if grid.metric else (1.0, "px")
-    known = found.table[np.isfinite(found.table.x)]
-    lines = [part[["x", "y"]].to_numpy() * factor for _, part in known.groupby("id")]
-    lasted = known.groupby("id").t.agg(np.ptp).to_numpy()
-    lengths = np.array([np.hypot(*np.diff(a, axis=0).T).sum() for a in lines])
-    speed = np.divide(lengths, lasted, out=np.zeros(len(lines)), where=lasted > 0.0)
-    stopped = set(found.table.id[~np.isfinite(found.table.x)])
-    ends = np.array([a[-1] for a, i in zip(lines, known.id.unique()) if i in stopped]).reshape(-1, 2)
-    last = field.chc.sel(t=found.table.t.max(), method="nearest").transpose("y", "x").values > 0
-    with styled() as Figure:
-        figure = Figure(figsize=(8.0, 1.0 + 6.2 * (grid.image_rows / grid.image_columns)), layout="constrained")
-        axis = figure.subplots()
-        x, y = field.x.values * factor, field.y.values * factor
-        axis.contourf(x, y, last * 1.0, levels=[-0.5, 0.5], colors=["#dddddd"])
-        drawn_lines = LineCollection(lines, array=speed, cmap=MAP, linewidths=1.2)
-        axis.add_collection(drawn_lines)
-        first = np.array([a[0] for a in lines])
-        axis.plot(*first.T, "o", ms=2.5, mfc="white", mec=QUIET, mew=0.6)
-        axis.plot(*ends.T, "x", ms=4, color=MODEL, mew=0.9)
-        left, right, bottom, top = (v * factor for v in grid.edges)
-        axis.set(aspect="equal", xlim=(left, right), ylim=(bottom, top), xlabel=f"x [{shown}]")
-        said = f"to t = {found.table.t.max():.4g} s; ring: starts, cross: ends before, grey: not measured then"
-        axis.set(ylabel=f"y [{shown}] (up)")
-        axis.set_title(said, fontsize=8)
-        figure.colorbar(drawn_lines, ax=axis, label=f"mean speed along the path [{shown}/s]", shrink=0.85)
-        return PathsPicture(png(figure))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files as resources
 from pathlib import Path
@@ -52,7 +52,6 @@ PICTURES = {  # file: (heading, what it shows)
     "validation.png": ("Validation", "raw vectors, by what became of them, at the worst moment and over time"),
     "statistics.png": ("Statistics", "mean flow, its vorticity, fluctuations and Reynolds stress"),
     "profiles.png": ("Profiles", "mean velocity and fluctuations along the lines of [params.profiles]"),
-    "paths.png": ("Paths", "where the grains of [params.paths] went, coloured by their mean speed"),
 }
 # hold a frame of a film: dimmed on a dark page, all others turned dark
 FRAMES = ("track.png", "bed.png", "piv.png", "validation.png")
@@ -85,11 +84,10 @@ def write_campaign(
     warned: list[str],
     mark: str,
     *,
-    seen: Callable[[Outcome], Mapping[str, str]],
     draws: str,
 ) -> None:
-    """The page of a campaign. warned: what is to be doubted of it, in sentences; mark: for the page's head; seen: gives
-    the frames of an experiment, as `thumbs`; draws: the command that draws the pictures of all pages."""
+    """The page of a campaign. warned: what is to be doubted of it, in sentences; mark: for the page's head; draws: the
+    command that draws the pictures of all pages."""
     from jumpvision.experiment.campaign.measured.actuator import actuator_bandwidth, driven
     from jumpvision.experiment.campaign.measured.craters import measured_in, zero_crossing
     from jumpvision.experiment.campaign.measured.intrusions import intrusion_laws, slow_intrusions, stepped
@@ -109,7 +107,6 @@ def write_campaign(
     cone = shown.results / "cone.webm" if shown is not None else None
     moving = {"src": film(cone), "poster": poster(cone)} if cone is not None and cone.exists() else None
     there = {f: preview(shown.results / f) for f in PREVIEWS if shown is not None and (shown.results / f).exists()}
-    frames = seen(shown) if shown is not None and undrawn(shown.results) else {}
     text = template("campaign.html.j2").render(
         key=mark,
         style=style(),
@@ -134,11 +131,7 @@ def write_campaign(
         details=typeset_rows(filmed_foot(details(campaign, outcomes), outcomes)),
         chance=typeset(coverage_words(campaign, outcomes)),
         shown=shown,
-        previews=[
-            {"src": src, "heading": PICTURES[f][0], "plot": f in there and f not in FRAMES}
-            for f in PREVIEWS
-            if (src := there.get(f) or frames.get(f))
-        ],
+        previews=[{"src": src, "heading": PICTURES[f][0], "plot": f not in FRAMES} for f, src in there.items()],
         draws=draws if shown is not None and undrawn(shown.results) else "",
         film=moving,
         warnings=warned,
@@ -205,10 +198,9 @@ def write_experiment(
     receipt: str,
     mark: str,
     *,
-    seen: Callable[[Outcome], Mapping[str, str]],
     draws: str,
 ) -> None:
-    """The page of one experiment. back: address of the campaign's; receipt: its provenance.json; seen, draws: as in
+    """The page of one experiment. back: address of the campaign's; receipt: its provenance.json; draws: as in
     `write_campaign`."""
     folder, law = outcome.results, experiment.section(Actuation) if experiment else None
     provenance = _shown(json.loads(receipt or "{}"))
@@ -233,11 +225,6 @@ def write_experiment(
         charts=charts,
         more=apparatus_charts(folder, experiment),
         draws=draws if undrawn(folder) else "",
-        frames=[
-            {"src": src, "heading": PICTURES[f][0]}
-            for f, src in (seen(outcome) if undrawn(folder) else {}).items()
-            if not (folder / f).exists()
-        ],
         films=[
             {"src": film(folder / f), "poster": poster(folder / f), "heading": heading, "alt": alt}
             for f, (heading, alt) in FILMS.items()

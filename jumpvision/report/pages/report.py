@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shlex
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from importlib.resources import files as resources
 from itertools import chain
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from jumpvision.engine.document.diagnosis import Diagnosis
     from jumpvision.experiment.results.summary import JumpRow
 
-Seen = Callable[[Outcome], Mapping[str, str]]
 MADE_FROM = '<meta name="made-from" content="{}">'  # at the head of a page: the digest of what it was made from
 
 
@@ -36,31 +35,20 @@ def write_report(
     single: bool,
     warned: Sequence[Mapping[str, object]] = (),
     diagnosis: Diagnosis | None = None,
-    pictured: bool = True,
 ) -> Path:
     """Write the pages and return the path of the one to open: of the campaign, or of the only experiment.
 
-    warned: what is to be doubted of a campaign, as in campaign.json; pictured: with frames of films.
+    warned: what is to be doubted of a campaign, as in campaign.json.
     """
     experiments = {e.name: e for e in campaign.experiments}
     draws = shlex.join(["jumpvision", "report", str(campaign.path), "--results", str(results)])
-    frames: dict[str, Mapping[str, str]] = {}  # of the last experiment: the campaign's page often shows the same
-
-    def seen(o: Outcome) -> Mapping[str, str]:
-        if o.name not in frames and o.name in experiments and pictured:
-            from .thumbs import thumbs
-
-            frames.clear()
-            frames[o.name] = thumbs(o.results, experiments[o.name])
-        return frames.get(o.name, {})
-
     keys = []
     for o in outcomes:
         if not o.results.is_dir():
             continue
         try:
             back = "" if single else f"../{files.REPORT}"
-            keys.append(_experiment(o, experiments.get(o.name), back=back, draws=draws, seen=seen))
+            keys.append(_experiment(o, experiments.get(o.name), back=back, draws=draws))
         except OSError as e:
             o.errors.append(f"{o.results / files.REPORT}: {e.strerror or e}; free or change it and run again")
     if single:
@@ -71,16 +59,16 @@ def write_report(
     said = [f"{w['experiment']}: {w['message']}" for w in warned] + [
         f"{o.name}: {n}" for o in outcomes for n in o.notes
     ]
-    key = digest_of(chain(keys, said, (draws, str(pictured)), each, whole))
+    key = digest_of(chain(keys, said, (draws,), each, whole))
     if not made_from(results / files.REPORT, key):
         from .page import write_campaign
 
         mark = MADE_FROM.format(key)
-        write_campaign(campaign, outcomes, rows, results, diagnosis, said, mark, seen=seen, draws=draws)
+        write_campaign(campaign, outcomes, rows, results, diagnosis, said, mark, draws=draws)
     return results / files.REPORT
 
 
-def _experiment(outcome: Outcome, experiment: Experiment | None, *, back: str, draws: str, seen: Seen) -> str:
+def _experiment(outcome: Outcome, experiment: Experiment | None, *, back: str, draws: str) -> str:
     """The page of one experiment, unless the one there was made from the same results; the digest of these."""
     provenance = outcome.results / files.PROVENANCE
     receipt = provenance.read_text(encoding="utf-8") if provenance.exists() else ""
@@ -88,7 +76,7 @@ def _experiment(outcome: Outcome, experiment: Experiment | None, *, back: str, d
     if not made_from(outcome.results / files.REPORT, key):
         from .page import write_experiment
 
-        write_experiment(outcome, experiment, back, receipt, MADE_FROM.format(key), seen=seen, draws=draws)
+        write_experiment(outcome, experiment, back, receipt, MADE_FROM.format(key), draws=draws)
     return key
 
 

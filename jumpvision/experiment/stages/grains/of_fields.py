@@ -1,4 +1,4 @@
-"""`jv.flow`, `jv.statistics` and `jv.paths` of velocity fields, without a folder: what `jv.piv` gives, or a file."""
+"""`jv.flow` and `jv.statistics` of velocity fields, without a folder: what `jv.piv` gives, or a file."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 
 from jumpvision.base.parameters import of_keywords
@@ -19,7 +18,6 @@ from jumpvision.experiment.inputs.recordings import PivField
 from jumpvision.experiment.inputs.vector_field import FORMATS
 from jumpvision.experiment.inputs.vectors import vectors_of
 from jumpvision.experiment.results.fields import Field, Flow, Piv
-from jumpvision.films.arrays.paths import paths as paths_of_field
 
 from .flow import derivatives
 from .statistics import statistics as mean_flow
@@ -66,19 +64,6 @@ def statistics(
         piv = in_turn([field_of("jv.statistics", f, about) for f in fields])
     found: xr.Dataset = mean_flow(piv, Flow(derivatives(piv, FlowParams().half_width)), p=p).field
     return found
-
-
-def paths(
-    field: xr.Dataset | str | os.PathLike[str], *, spacing: float = 16.0, about: dict[str, Any] | None = None, **p: Any
-) -> pd.DataFrame:
-    """Paths through the fields of a stack of evenly timed frames, as `jv.piv(frames)` gives them (t, y, x).
-
-    field, about: as in `jv.flow`, about as a dict. spacing [px] between the points they start from; further parameters:
-    the others of [params.paths]. Columns as in paths.csv.
-    """
-    if isinstance(field, xr.Dataset) and "t" not in field.dims:
-        raise ValueError("paths: one field; give the fields of three frames and more, jv.piv(frames)")
-    return paths_of_field(field_of("jv.paths", field, about or {}).field, spacing=spacing, **p)
 
 
 def field_of(name: str, given: Any, about: dict[str, Any]) -> Piv:

@@ -22,12 +22,12 @@ from jumpvision.experiment.inputs.sections import Calibration, GrainMask, GrainV
 from jumpvision.experiment.results.fields import Piv
 from jumpvision.experiment.stages.recordings import open_grains
 from jumpvision.experiment.workflow.stage import StageWarning, stage
-from jumpvision.films.arrays.velocities import Places, ends, fields_of, header, matching, of_fields, velocities
+from jumpvision.films.arrays.velocities import Places, ends, fields_of, header, of_fields, velocities
 from jumpvision.films.frames import Film
 from jumpvision.films.parameters import PivParams
 from jumpvision.films.vision.compression import coding
 from jumpvision.films.vision.foot_face import FootTrack, track_foot
-from jumpvision.films.vision.piv.engine import Usable, best_prefilter
+from jumpvision.films.vision.piv.engine import Usable
 from jumpvision.films.vision.piv.light import Light, light_of
 from jumpvision.films.vision.piv.pair import VectorField, packed, unpacked
 
@@ -44,7 +44,7 @@ def needs_of_piv(film: GrainVideo | None) -> list[str]:
     return lacking(film, "pair_time") if film and film.pairs else []
 
 
-@stage(version=19, any_of=("film", "field"), needs=needs_of_piv)
+@stage(version=20, any_of=("film", "field"), needs=needs_of_piv)
 def piv(
     film: GrainVideo | None,
     field: PivField | None,
@@ -87,7 +87,6 @@ class Job(NamedTuple):
     robot: Robot | None
     foot: FootTrack | None
     light: Light
-    prefilter: float
     stride: int
     coded: float
     p: PivParams
@@ -101,7 +100,7 @@ class Job(NamedTuple):
         """Fields of frames from `first` on."""
         lit = (self.light(image, i) for i, image in enumerate(images, first))
         shown = usable and (lambda k: usable(first + k))
-        return fields_of(lit, shown, self.prefilter, self.stride, self.p, None, self.coded)
+        return fields_of(lit, shown, self.stride, self.p, self.coded)
 
     def part(self, frames: Film, usable: Usable | None, part: tuple[int, int]) -> list[VectorField]:
         """Fields of the pairs whose first frame is from part[0] on, before part[1]."""
@@ -122,8 +121,7 @@ class Job(NamedTuple):
 @dataclass(frozen=True)
 class Ready:
     """A film that is ready to be matched. film: its section in the pixels of its frames; head: places and times of the
-    field; apart [s]: from frame to frame of each field's pairs; begun: the first pair, where the prefilter was chosen
-    by it.
+    field; apart [s]: from frame to frame of each field's pairs.
     """
 
     frames: Film
@@ -132,7 +130,6 @@ class Ready:
     usable: Usable | None
     head: xr.Dataset
     apart: Array
-    begun: VectorField | None
 
     def whole(self) -> Piv:
         """All fields of the film."""
@@ -144,10 +141,7 @@ class Ready:
 
     def alone(self, k: int) -> Piv:
         """Field number k of the film, as it is among all others."""
-        p, known = self.job.p, self.begun if k == 0 else None
-        if known is None or p.ensemble > 1 or p.baseline > p.gap or self.job.coded:
-            known = self.job.field(self.frames, self.usable, k)
-        plane = next(self.planes([known], k))
+        plane = next(self.planes([self.job.field(self.frames, self.usable, k)], k))
         return Piv(self.head.isel(t=[k]).assign(plane.expand_dims("t", axis=-1)))
 
 
@@ -159,7 +153,7 @@ def ready(
     mask: GrainMask | None,
     p: PivParams,
 ) -> Iterator[Ready]:
-    """The film of a section, opened, with what its pairs have in common: foot, masks, light and prefilter."""
+    """The film of a section, opened, with what its pairs have in common: foot, masks and light."""
     straight, film = open_grains(given, calibration)
     stride = stride_of(film, p)
     with straight as frames:
@@ -173,18 +167,15 @@ def ready(
         foot = follow_foot(frames, film, robot, p)
         usable = both(foot_mask(foot, frames.shape, film, robot), given_mask(given, mask, calibration))
         light = light_of(frames, stride, p)
-        # chosen once, so that the processes' parts of a film are alike
         coded, said = coding(frames, frames)
         if said:
             warnings.warn(StageWarning("frames", said, film.name), stacklevel=4)
-        first, second = light(frames[0], 0), light(frames[p.gap], p.gap)
-        prefilter, begun = best_prefilter(first, second, mask=usable, gap=p.gap, **matching(p))
-        head = header(frames.time, frames.shape, placed(film), prefilter, stride, p)
+        head = header(frames.time, frames.shape, placed(film), stride, p)
         if foot is not None:
             add_foot(head, foot, frames.time, film, stride, p)
-        job = Job(given, mask, calibration, robot, foot, light, prefilter, stride, coded, p)
+        job = Job(given, mask, calibration, robot, foot, light, stride, coded, p)
         begin, end = ends(frames.time, stride, p)
-        yield Ready(frames, film, job, usable, head, of_fields(end - begin, p), begun)
+        yield Ready(frames, film, job, usable, head, of_fields(end - begin, p))
 
 
 def matched(frames: Film, job: Job, usable: Usable | None) -> Iterator[VectorField]:

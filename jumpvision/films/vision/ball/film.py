@@ -18,13 +18,13 @@ from jumpvision.films.frames.base import Frames
 
 from .background import Background, Kept, SceneSum, View, Window
 from .measure import AS_THEY_ARE, Block, Found, window_half
-from .moving import HEAD, AtHand, Head, head_end, still_scene
+from .moving import HEAD, AtHand, head_end
 from .pieces import SHARP, in_pieces
 from .reasons import Flag, Reason
 from .refine import refined
 from .track import BallSettings, BallTrack, BallTracker, as_track, merged
 from .unknowns import WX, WY, A
-from .validate import LOST, MORE, is_still, validated, without_still_objects
+from .validate import validated, without_still_objects
 
 VIEWS = 100  # frames that all count for the scene; of the next 100 every second does, of the next 200 every fourth ...
 LEARNED = 60, 1000  # frames that the scene is learned from: the fewer where it is known by then, at most the more
@@ -35,7 +35,6 @@ AS_CERTAIN = 1.05  # times the first's median sigma, up to which a second track 
 WORTHWHILE = 500  # frames from which on a frame's whole measurement is compiled code's: fewer are done sooner without
 BLOCK = 16  # windows that are measured together without the scene
 TURN, WAY = 12, 8.0  # frames on either side of a sharp turn of which more is kept; by how much, in the ball's steps
-FLYING = "no plain disc that moves was found: followed is what is round and flies farthest, as a picture"
 
 
 def track_film(
@@ -98,7 +97,7 @@ class FilmTracker:
         self._scene = SceneSum() if scene and settings.method == "disc" else None
         self._behind: Background | None = None  # the scene, once it is learned
         self._learning = self._scene is not None
-        self._room, self.still = MEMORY, scene
+        self._room = MEMORY
         self._kept: list[Image] | None = None
         if self._scene is not None and not markers and not settings.streak:
             self._kept = []
@@ -168,7 +167,7 @@ class FilmTracker:
 
     def _tracks(self, frames: Frames) -> list[BallTrack]:
         if self.settings.method == "template":
-            from .appearance.template import track_template
+            from .template import track_template
 
             return [track_template(frames, s) for s in self._settings]
         kept = AtHand(frames, self._samples.all, self._windows[0])
@@ -183,9 +182,7 @@ class FilmTracker:
         """Proves the track while the balls are measured again without the scene, and takes the better one."""
         first = [as_track(list(f)) for f in zip(*self._found, strict=True)]
         if len(first) == 1:
-            sure = validated(first[0], frames, self.settings, self._flying)
-            if FLYING in sure.notes:
-                return [sure]
+            sure = validated(first[0], frames, self.settings)
             if sure is not first[0]:
                 self._enough = True
                 return self._refined([sure])
@@ -196,24 +193,6 @@ class FilmTracker:
             second = [without_still_objects(second[0], frames, self.settings)]
         better = [_better(a, b) for a, b in zip(first, second, strict=True)]
         return self._refined(better) if len(frames) <= LEARNED[0] or better[0] is not first[0] else better
-
-    def _flying(self, track: BallTrack, head: Head) -> BallTrack | None:
-        """A ball of any face that nobody clicked, where it flies and is found more often than the disc; or None."""
-        n, dark = len(head), self.settings.polarity == "dark"
-        still = is_still(track, slice(0, n))
-        seen = np.flatnonzero(track.flag[:n] == "")
-        # a ball that has left is not lost
-        holes = not still and bool(np.mean(track.flag[seen[0] : seen[-1] + 1] != "") > LOST)
-        if self.settings.seed is not None or not self.still or not (still or holes or dark):
-            return None
-        from .appearance.flight import in_flight, is_shadow  # loaded where it is asked
-
-        scene = still_scene(head)
-        other = still or (dark and is_shadow(track, head, scene))
-        flying = in_flight(head, scene, self.settings.diameter, None) if other or holes else None
-        if flying is None or not (other or np.count_nonzero(flying.flag[:n] == "") > MORE * seen.size):
-            return None
-        return replace(flying, notes=(FLYING,))
 
     def _refined(self, tracks: list[BallTrack]) -> list[BallTrack]:
         """With what the first LEARNED frames share taken from all of these, where the still scene may be taken out and

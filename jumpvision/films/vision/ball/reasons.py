@@ -43,7 +43,6 @@ class Reason(Enum):
     NO_STRUCTURE = "lost: the target has no structure"
     UNLIKE = "lost: not like the target (contrast {:.2g} of it, {:.0%} unlike)"
     FLOWN_OUT = "left the image"
-    UNLIKE_OTHERS = "doubt: not like the ball of the other frames (off it by {:.1f} times as much)"
 
 
 COVERED = (Reason.COVERED_SECTORS, Reason.COVERED_RIM, Reason.COVERED_EDGE, Reason.OTHER_DIAMETER)

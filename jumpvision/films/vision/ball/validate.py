@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -50,15 +50,9 @@ WHICH = "doubt: balls at ({:.0f}, {:.0f}) and ({:.0f}, {:.0f}) in frame {} may b
 REMEDY = "; give track.seed = [column, row]"
 
 
-def validated(
-    track: BallTrack,
-    frames: Frames,
-    settings: BallSettings,
-    flies: Callable[[BallTrack, Head], BallTrack | None] = lambda track, head: None,
-) -> BallTrack:
+def validated(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTrack:
     """The track where nothing speaks against it; the one of what moves through the film where that is the better one;
-    with doubtful frames flagged and what a user should know as `notes`. The film's head decides, see `heads`. flies: by
-    the better one so far, what else is found in a head; it comes first."""
+    with doubtful frames flagged and what a user should know as `notes`. The film's head decides, see `heads`."""
     if len(frames) < STAYS or settings.streak:
         return track
     track = without_still_objects(track, frames, settings)
@@ -75,11 +69,8 @@ def validated(
         # nothing proves that what was found later is what was clicked
         searched = searched or (clicked and (bool(track.flag[0]) or _stands(way, look, d)))
         moving = _moving(way, frames, head, settings, d) if searched else None
-        better = moving or track
-        if (flying := flies(better, head)) is not None:
-            return flying
         if moving or not (head.least or is_still(track, look)):
-            return better
+            return moving or track
     if is_still(track) and good.sum() >= STAYS and len(frames) > STAYS:
         return _doubted(track, frames, head, settings, d)
     return track

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Iterable, Iterator
-from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -16,8 +15,8 @@ from jumpvision.base.arrays import Array
 from jumpvision.films.calibration import FEW_FINER, FEW_NOISE, FOREIGN_PIXEL, SPLINE_ERROR
 
 from . import pair as code
-from .frame import GAIN, LIGHT, STRONG, Frame, prepare, roughness, sharp
-from .pair import TIMES, Settings, VectorField, backend, coded_apart, combined
+from .frame import Frame, prepare
+from .pair import TIMES, Settings, VectorField, coded_apart, combined
 from .predict import Mask, at, flow, predict
 from .refine import Grid, Match, Pairs, refine
 from .scales import Noise, noise_factor, smoothed
@@ -39,7 +38,6 @@ LARGEST_STEP = 0.25  # of the window; a step further has left the texture it was
 STIFFNESS = 1.0  # of the surface through the vectors: damps noise between neighbours, keeps waves of 6 vectors to 1 %
 FROM_NEIGHBOURS = 3  # turns at most in which failed vectors start from their neighbours: so many rows along a wall
 LOST = 1 / 3  # of the vectors failed: the first search has gone astray, and all are tried again
-TRIAL = 384  # px, side of the middle part with which a second prefilter is tried
 MARGIN = 12  # px of border around a frame beyond half a window: gradient stencil, spline, half of a displacement
 
 
@@ -68,8 +66,6 @@ def piv_film(
     baseline: int = 1,
     ensemble: int = 1,
     stride: int = 1,
-    prefilter: float | None = None,
-    begun: VectorField | None = None,
     coded: float = 0.0,
     progress: Callable[[int], None] | None = None,
     **settings: Any,
@@ -79,8 +75,7 @@ def piv_film(
     mask(k): usable pixels (H, W) of frame k. baseline: pairs 3, 9, ... times as far apart about the same
     mid-time, up to that many frames, are combined with each (see `multiframe`). ensemble: so many consecutive pairs are
     matched together and give one field, for steady flow; the last may hold fewer. stride: frames from one pair to the
-    next, 2 for double exposures, where baseline is 1 and gap below it. prefilter: [px] of all frames, None:
-    as `best_prefilter` finds for the first pair; begun: what it found there. coded: error [px] that a codec adds to a
+    next, 2 for double exposures, where baseline is 1 and gap below it. coded: error [px] that a codec adds to a
     displacement; it is one of the frames' places, so that of n consecutive pairs together is less by n / sqrt(gap).
     progress(k) is called after the pair (k, k + gap). settings: see `Settings`; displacements are px per pair
     (k, k + gap), not per frame.
@@ -99,11 +94,8 @@ def piv_film(
     def about(first: int, end: int) -> VectorField:
         """The pairs from first to end and the longer ones about them, as far as the film goes; drops frames behind."""
         spans = [0, *(j for j in further if first >= j and end - 1 + gap + j in held)]
-        known = begun if first == 0 and end == stride else None
 
         def matched(j: int) -> VectorField:
-            if j == 0 and known is not None:
-                return known
             return _match([(held[q - j](), held[q + gap + j]()) for q in range(first, end, stride)], s)
 
         fields = [(gap + 2.0 * j, matched(j)) for j in spans]
@@ -116,21 +108,13 @@ def piv_film(
         fields = [(baseline, coded_apart(f, one)) for baseline, f in fields]
         return combined(fields, code.FURTHEST_CODED if coded else code.FURTHEST)
 
-    if prefilter is None:
-        film = iter(images)
-        ahead = list(islice(film, gap + 1))
-        pair = len(ahead) > gap
-        prefilter, begun = (
-            best_prefilter(ahead[0], ahead[gap], mask=mask, gap=gap, **settings) if pair else (LIGHT, None)
-        )
-        images = _again(ahead, film)
     shape: tuple[int, ...] | None = None
     first, k = 0, -1
     for k, image in enumerate(images):
         shape = shape or image.shape
         usable = None if mask is None else mask(k)
         _check(k, image.shape, shape, s.window, usable)
-        held[k] = functools.cache(functools.partial(_ready, image, usable, s, prefilter))
+        held[k] = functools.cache(functools.partial(_ready, image, usable, s))
         if k >= first + (ensemble - 1) * stride + gap + reach:
             yield about(first, first + ensemble * stride)
             first += ensemble * stride
@@ -138,63 +122,8 @@ def piv_film(
         yield about(rest, min(rest + ensemble * stride, k + 1 - gap))
 
 
-def _again(ahead: list[NDArray[np.generic]], rest: Iterator[NDArray[np.generic]]) -> Iterator[NDArray[np.generic]]:
-    """The frames looked at ahead, each let go as it is taken, and the rest."""
-    while ahead:
-        yield ahead.pop(0)
-    yield from rest
-
-
-def best_prefilter(
-    a: NDArray[np.generic],
-    b: NDArray[np.generic],
-    *,
-    mask: Usable | None,
-    gap: int,
-    **settings: Any,
-) -> tuple[float, VectorField | None]:
-    """(standard deviation [px] of the Gaussian for a film whose frames 0 and gap are a and b, that pair's field where
-    it was matched with it); mask, settings as there.
-
-    Only sharp frames are tried, by matching this pair with both, and with the second only its middle, if that tells
-    enough; `fast` does without. See `prefilter` for the reason.
-    """
-    s = Settings(**settings)
-    masks = [None if mask is None else mask(k) for k in (0, gap)]
-    for k, image, usable in zip((0, gap), (a, b), masks):
-        _check(k, image.shape, a.shape, s.window, usable)
-    if s.preset == "fast" or not sharp(a, masks[0]):
-        return LIGHT, None
-    reach = max(1, round(s.window / s.step))
-
-    def tried(prefilter: float, part: tuple[slice, slice] = np.s_[:, :]) -> VectorField:
-        usable = [None if m is None else m[part] for m in masks]
-        return _match([(_ready(a[part], usable[0], s, prefilter), _ready(b[part], usable[1], s, prefilter))], s)
-
-    light = tried(LIGHT)
-    rows, columns = (_middle(n, s.window, s.step) for n in a.shape)
-    strong = tried(STRONG, (rows, columns))
-    its_places = tuple(slice(q.start // s.step, q.start // s.step + n) for q, n in zip((rows, columns), strong.u.shape))
-    ratio = roughness(strong, reach, np.s_[:, :]) / roughness(light, reach, its_places)
-    whole = strong.u.shape == light.u.shape
-    if not whole and not math.isfinite(ratio):  # nothing is measured in the middle
-        strong, whole = tried(STRONG), True
-        ratio = roughness(strong, reach, np.s_[:, :]) / roughness(light, reach, np.s_[:, :])
-    if not ratio < GAIN**2:
-        return LIGHT, light
-    return STRONG, strong if whole else None
-
-
-def _middle(pixels: int, window: int, step: int) -> slice:
-    """The middle TRIAL pixels of so many or a little more, all where there are fewer; its vectors are the frame's."""
-    if pixels < 1.5 * TRIAL:
-        return slice(0, pixels)
-    first = (pixels - TRIAL) // 2 // step * step
-    return slice(first, first + max(TRIAL, 8 * window))
-
-
-def _ready(image: NDArray[np.generic], usable: Mask | None, s: Settings, prefilter: float) -> Frame:
-    return prepare(image, usable, s.window // 2 + MARGIN, s.preset != "fast", prefilter)
+def _ready(image: NDArray[np.generic], usable: Mask | None, s: Settings) -> Frame:
+    return prepare(image, usable, s.window // 2 + MARGIN, s.preset != "fast")
 
 
 def _check(k: int, shape: tuple[int, ...], first: tuple[int, ...], window: int, mask: Mask | None) -> None:
@@ -325,7 +254,7 @@ def _second_try(
 
     Returns the match, its reasons and where the correlation's peak lies on the edge of its search.
     """
-    coarse = predict(pairs, passes=s.passes, outlier=s.outlier, on=backend(s.backend))
+    coarse = predict(pairs, passes=s.passes, outlier=s.outlier)
     peaks: list[Array | None] = [
         np.stack([at(coarse, f, grid.x, grid.y) for f in peak])
         for peak in ((coarse.u, coarse.v), (coarse.u2, coarse.v2))

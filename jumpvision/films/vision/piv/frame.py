@@ -1,4 +1,4 @@
-"""A film frame as a smooth function of place, smoothed lightly against noise, more against aliasing."""
+"""A film frame as a smooth function of place, smoothed lightly against noise and aliasing."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from jumpvision.base.arrays import Array, Float32
 from jumpvision.base.threads import at_once
 from jumpvision.films.calibration import FOLDED_PARTICLES, LEAST_WHITE
 
-from .pair import MEASURED, VectorField
+PREFILTER_PX = 0.8  # standard deviation of the Gaussian that frames are smoothed with
 
 
 class Frame(NamedTuple):
@@ -32,16 +32,14 @@ class Frame(NamedTuple):
     noise: float  # [grey^2] variance that white noise leaves after smoothing, see `white`; NaN where not known
 
 
-def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int, fine: bool, smooth: float) -> Frame:
+def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int, fine: bool) -> Frame:
     """Spline of an image (H, W) [grey] and weights that stay 2 px away from unusable pixels.
-
-    smooth: [px] standard deviation of the Gaussian that the image is smoothed with, see `prefilter`.
 
     NaN pixels and those outside mask are unusable. fine: knots every half pixel; a cubic spline between those follows
     grains of 3 px to 0.002 px, on the pixels themselves only to 0.02 px.
     """
     grey = image.astype(np.float32)
-    kept = 1 / (4 * math.pi * smooth**2)  # of the variance of white noise
+    kept = 1 / (4 * math.pi * PREFILTER_PX**2)  # of the variance of white noise
     rounding = 0.0 if np.issubdtype(image.dtype, np.floating) else kept / 12
     usable = np.isfinite(grey)
     if not usable.all():
@@ -49,7 +47,7 @@ def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int
     if mask is not None:
         usable = usable & mask
     padded = np.asarray(cv2.copyMakeBorder(grey, *(pad,) * 4, cv2.BORDER_REFLECT), np.float32)
-    taps = _taps(smooth, fine)
+    taps = _taps(fine)
     c = np.empty((len(taps), len(taps) * padded.shape[0], padded.shape[1]), np.float32)
 
     def noise_and_usable() -> tuple[float, NDArray[np.bool_]]:
@@ -159,7 +157,7 @@ def _disc(side: int) -> NDArray[np.uint8]:
 
 
 @functools.cache
-def _taps(smooth: float, fine: bool) -> list[NDArray[np.float64]]:
+def _taps(fine: bool) -> list[NDArray[np.float64]]:
     """Smoothing and coefficients of the cubic spline, as weights of the neighbours along one axis.
 
     On the pixels, or on the places a quarter of a pixel before and behind them: there by least squares of the response
@@ -167,11 +165,11 @@ def _taps(smooth: float, fine: bool) -> list[NDArray[np.float64]]:
     """
     if not fine:
         n = np.arange(-10, 11)
-        bell = np.exp(-0.5 * (n / smooth) ** 2)
+        bell = np.exp(-0.5 * (n / PREFILTER_PX) ** 2)
         return [np.convolve(bell / bell.sum(), math.sqrt(3) * (math.sqrt(3) - 2) ** np.abs(n), "same")]
     n = np.arange(-6, 7)
     k = np.pi * (np.arange(512) + 0.5) / 512  # [rad/px]; the spline has the samples (4 + 2 cos(k / 2)) / 6 there
-    gain = np.exp(-0.5 * (smooth * k) ** 2) * 6 / (4 + 2 * np.cos(k / 2))
+    gain = np.exp(-0.5 * (PREFILTER_PX * k) ** 2) * 6 / (4 + 2 * np.cos(k / 2))
     # pictures hold next to nothing beyond 2.6 rad/px, and what they hold there is aliased in part
     weight = 1 / (1 + np.exp((k - 2.6) / 0.08)) + 1e-3
     waves = np.exp(1j * np.outer(k, n + 0.25)) * weight[:, None]
@@ -187,36 +185,19 @@ def taper(window: int) -> Float32:
     return np.exp(-0.5 * (np.arange(-h, h + 1) / (0.45 * (h + 0.5))) ** 2).astype(np.float32)
 
 
-LIGHT, STRONG = 0.8, 1.1  # px, standard deviation of the Gaussian
-BLOCK, ENOUGH = 32, 256  # px, side of the blocks whose spectra are averaged (Welch 1967), and how many tell enough
-FINE = 0.3  # cycles/px, above which detail lies within the reach of aliasing
-CORNER = 0.4  # cycles/px along both axes: white noise, as the camera's optics let little else through
-SHARP = 0.45  # share of fine detail that asks for a trial: particles of 4 px have 0.13, of 3 px 0.39, of 2.5 px 0.55
-GAIN = 0.95  # of the roughness: less is chance
-
-
-def sharp(image: NDArray[np.generic], mask: NDArray[np.bool_] | None) -> bool:
-    """Whether more than SHARP of the power of the gradient lies above FINE, the level of white noise taken off.
-
-    image (H, W), mask (H, W) True = usable. False without a block whose pixels are all usable.
-    """
-    power = _spectrum(image, mask, ENOUGH)
-    if power is None:
-        return False
-    slope = (power - power[IN_CORNER].mean()) * FAR**2
-    inside = FAR <= 0.5
-    return bool(slope[inside & (FAR > FINE)].sum() > SHARP * slope[inside].sum())
+BLOCK, BLOCKS = 32, 40  # px, side of the blocks whose spectra are averaged (Welch 1967); of so many (50 waves each)
 
 
 def white(image: NDArray[np.generic], mask: NDArray[np.bool_] | None) -> float:
-    """Variance [grey^2] of the white noise of an image, by the corner of its spectrum; NaN without a block as above.
+    """Variance [grey^2] of the white noise of an image, by the corner of its spectrum; NaN without a block whose
+    pixels are all usable.
 
     Sharp particles reach into the corner: what they hold there is continued from two rings further in, as the spectrum
     of a Gaussian falls, and taken off: grains and particles of 3 px and more leave up to 0.5 grey^2 there.
     Where the rings hardly fall, particles of 2 px and less are folded into the corner, and next to nothing is said to
     be noise: then less is taken for chance than is.
     """
-    power = _spectrum(image, mask, 40)  # blocks; the corner has 50 waves in each
+    power = _spectrum(image, mask)
     if power is None:
         return math.nan
     (inner, of_inner), (outer, of_outer), (corner, of_corner) = (
@@ -236,12 +217,11 @@ def white(image: NDArray[np.generic], mask: NDArray[np.bool_] | None) -> float:
 
 WAVES = np.abs(np.fft.fftfreq(BLOCK))
 FAR = np.hypot(WAVES, WAVES[:, None])
-IN_CORNER = np.minimum(WAVES, WAVES[:, None]) > CORNER
 RINGS = (FAR >= 0.3) & (FAR < 0.38), (FAR >= 0.44) & (FAR < 0.5), FAR >= 0.6
 HANN = (0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(BLOCK) + 0.5) / BLOCK)) ** 2
 
 
-def _spectrum(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, enough: int) -> Array | None:
+def _spectrum(image: NDArray[np.generic], mask: NDArray[np.bool_] | None) -> Array | None:
     """Power of the waves of blocks, their mean; blocks with unusable or NaN pixels are left out, None without any."""
     rows, columns = (n // BLOCK for n in image.shape)
     blocks = _blocks(image, rows, columns)
@@ -251,7 +231,7 @@ def _spectrum(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, enough
     chosen = np.flatnonzero(good)
     if not len(chosen):
         return None
-    some = blocks[chosen[:: -(-len(chosen) // enough)]].astype(np.float32)
+    some = blocks[chosen[:: -(-len(chosen) // BLOCKS)]].astype(np.float32)
     window = np.sqrt(np.outer(HANN, HANN)).astype(np.float32)
     waves = np.fft.rfft2((some - some.mean((1, 2), keepdims=True)) * window)
     power = (waves.real**2 + waves.imag**2).mean(0)
@@ -262,17 +242,3 @@ def _spectrum(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, enough
 def _blocks(f: NDArray[np.generic], rows: int, columns: int) -> NDArray[np.generic]:
     cut = f[: rows * BLOCK, : columns * BLOCK].reshape(rows, BLOCK, columns, BLOCK)
     return cut.swapaxes(1, 2).reshape(-1, BLOCK, BLOCK)
-
-
-def roughness(f: VectorField, reach: int, part: tuple[slice, ...]) -> float:
-    """Median [px^2] of the squared second differences of the measured vectors, `reach` vectors apart; NaN if none.
-    part: of the vectors that are asked.
-
-    Vectors a window apart have errors of their own; nearer ones share the texture that is aliased.
-    """
-    known = np.isin(f.reason, MEASURED)
-    along_y = [np.where(known, g, np.nan)[part] for g in (f.u_raw, f.v_raw)]
-    fields = [*along_y, *(q.T for q in along_y)]
-    bends = np.concatenate([(q[2 * reach :] - 2 * q[reach:-reach] + q[: -2 * reach]).ravel() for q in fields])
-    bends = bends[np.isfinite(bends)]
-    return float(np.median(bends**2)) if bends.size else np.nan

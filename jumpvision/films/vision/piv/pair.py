@@ -2,51 +2,15 @@
 
 from __future__ import annotations
 
-import importlib
 import io
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
-
-BACKENDS = ("numpy", "cupy", "torch")
-
-
-class Backend(NamedTuple):
-    """xp: array namespace (data-apis.org/array-api); put: NumPy array to it; get: its array to NumPy."""
-
-    xp: Any
-    put: Callable[[NDArray[np.generic]], Any]
-    get: Callable[[Any], NDArray[np.generic]]
-
-
-NUMPY = Backend(np, np.asarray, np.asarray)
-
-
-@cache
-def backend(name: str) -> Backend:
-    """One of BACKENDS; PyTorch computes on its GPU, or on the CPU where there is none.
-
-    Raises ValueError where the name is unknown or the package is not installed.
-    """
-    if name not in BACKENDS:
-        raise ValueError(f"backend = {name!r}: must be one of {', '.join(BACKENDS)}")
-    if name == "numpy":
-        return NUMPY
-    try:
-        xp, library = importlib.import_module(f"array_api_compat.{name}"), importlib.import_module(name)
-    except ImportError as e:
-        raise ValueError(f'backend = "{name}": {e}; install {name} and array-api-compat, or take "numpy"') from None
-    if name == "cupy":
-        return Backend(xp, library.asarray, library.asnumpy)
-    device = "cuda" if library.cuda.is_available() else "cpu"
-    return Backend(xp, lambda a: library.as_tensor(a, device=device), lambda t: np.asarray(t.cpu()))
-
 
 SMOOTHING = ("none", "adaptive")
 TIMES = {"default": 3, "fast": 2, "sharp": 8}  # Gauss-Newton steps: each gives back some of what the window averages
@@ -65,7 +29,6 @@ class Settings:
     outlier: float  # limit of the normalised median test, about 2
     smooth: str = "adaptive"  # see `scales`, or "none"
     preset: str = "default"  # or "fast": spline on whole pixels, two steps; "sharp": eight steps
-    backend: str = "numpy"  # or "cupy", "torch": where the correlations are computed
 
     def __post_init__(self) -> None:
         for name, value, low in (("window", self.window, 7), ("step", self.step, 1)):
@@ -79,7 +42,6 @@ class Settings:
             raise ValueError(f"smooth = {self.smooth!r}: must be one of {', '.join(SMOOTHING)}")
         if self.preset not in TIMES:
             raise ValueError(f"preset = {self.preset!r}: must be one of {', '.join(TIMES)}")
-        backend(self.backend)
 
 
 VALID, MASKED, NO_TEXTURE, LOW_CORRELATION, SECOND_PEAK, INTERPOLATED, EDGE_PEAK, NOT_CONVERGED = range(8)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from jumpvision.base.arrays import Array, Float32
 
 from .frame import Frame
-from .pair import NUMPY, Backend
 from .validate import local_median, normalised_median
 
 CHUNK = 512  # windows per batch of FFTs; larger batches leave the CPU cache
@@ -28,54 +27,51 @@ class Peaks(NamedTuple):
     at_edge: NDArray[np.bool_]  # (n,) the best shift lies on the edge of the search
 
 
-def correlate(a: Float32, wa: Float32, b: Float32, wb: Float32, on: Backend = NUMPY) -> Float32:
+def correlate(a: Float32, wa: Float32, b: Float32, wb: Float32) -> Float32:
     """Normalised correlation of window pairs for all shifts up to half a window.
 
     a, b: (n, s, s) grey; wa, wb: (n, s, s) weights 0..1. Returns (n, 2 r + 1, 2 r + 1), r = s // 2, axes (shift down,
-    shift right), zero shift in the middle; -1 where too little texture overlaps. on: where it is computed.
+    shift right), zero shift in the middle; -1 where too little texture overlaps.
     """
     n, size, _ = a.shape
     r = size // 2
     pad = scipy.fft.next_fast_len(size + r, real=True)
     out = np.empty((n, 2 * r + 1, 2 * r + 1), dtype=np.float32)
-    shifts = on.put(np.arange(-r, r + 1) % pad)
-    xp = on.xp
-    # scipy's transforms use all cores
-    fft, options = (scipy.fft, {"workers": -1}) if xp is np else (xp.fft, {})
+    shifts = np.arange(-r, r + 1) % pad
 
-    def spectrum(w: Any) -> Any:
-        return fft.rfftn(w, s=(pad, pad), axes=(1, 2), **options)
+    def spectrum(w: Float32) -> NDArray[np.complex64]:
+        return scipy.fft.rfftn(w, s=(pad, pad), axes=(1, 2), workers=-1)
 
-    def shifted(p: Any, q: Any) -> Any:
-        plane = fft.irfftn(xp.conj(spectrum(p)) * spectrum(q), s=(pad, pad), axes=(1, 2), **options)
-        return xp.take(xp.take(plane, shifts, axis=1), shifts, axis=2)
+    def shifted(p: Float32, q: Float32) -> Float32:
+        plane = scipy.fft.irfftn(np.conj(spectrum(p)) * spectrum(q), s=(pad, pad), axes=(1, 2), workers=-1)
+        return np.take(np.take(plane, shifts, axis=1), shifts, axis=2)
 
     # (shift, pixel): which pixels of a window lie in the other one, moved by the shift, and the reverse
     at = np.arange(size) + np.arange(-r, r + 1)[:, None]
-    inside = on.put(((at >= 0) & (at < size)).astype(np.float32))
-    outside_in = xp.flip(inside, axis=0)
+    inside = ((at >= 0) & (at < size)).astype(np.float32)
+    outside_in = np.flip(inside, axis=0)
 
     full = (wa == 1).all((1, 2)) & (wb == 1).all((1, 2))
     chunks = [q[k : k + CHUNK] for q in (np.flatnonzero(full), np.flatnonzero(~full)) for k in range(0, len(q), CHUNK)]
     for part in chunks:
-        p, v, q, w = (on.put(x[part]) for x in (a, wa, b, wb))
-        f, g = _centred(xp, p, v), _centred(xp, q, w)
+        p, v, q, w = (x[part] for x in (a, wa, b, wb))
+        f, g = _centred(p, v), _centred(q, w)
         ff, gg = f * f, g * g
-        power_f, power_g = (xp.sum(x, axis=(1, 2), keepdims=True) for x in (ff, gg))
+        power_f, power_g = (np.sum(x, axis=(1, 2), keepdims=True) for x in (ff, gg))
         if full[part[0]]:  # sums over what overlaps need no transforms
             under_b, under_a = (m @ x @ m.T for m, x in ((inside, ff), (outside_in, gg)))
         else:
             under_b, under_a = shifted(ff, w), shifted(v, gg)
         enough = (under_b > MIN_OVERLAP * power_f) & (under_a > MIN_OVERLAP * power_g)
-        power = xp.where(enough, under_b * under_a, xp.ones_like(under_b))
-        out[part] = on.get(xp.where(enough, shifted(f, g) / xp.sqrt(power), -xp.ones_like(power)))
+        power = np.where(enough, under_b * under_a, np.float32(1))
+        out[part] = np.where(enough, shifted(f, g) / np.sqrt(power), np.float32(-1))
     return out
 
 
-def _centred(xp: Any, window: Any, weight: Any) -> Any:
+def _centred(window: Float32, weight: Float32) -> Float32:
     """Window minus its weighted mean, times its weight."""
-    total = xp.sum(weight, axis=(1, 2), keepdims=True)
-    mean = xp.sum(window * weight, axis=(1, 2), keepdims=True) / xp.where(total > 1, total, xp.ones_like(total))
+    total = np.sum(weight, axis=(1, 2), keepdims=True)
+    mean = np.sum(window * weight, axis=(1, 2), keepdims=True) / np.maximum(total, np.float32(1))
     return (window - mean) * weight
 
 
@@ -129,14 +125,11 @@ class Coarse(NamedTuple):
     at_edge: NDArray[np.bool_]  # (ny, nx)
 
 
-def predict(
-    pairs: list[tuple[Frame, Frame]], *, passes: tuple[int, ...], outlier: float, on: Backend = NUMPY
-) -> Coarse:
+def predict(pairs: list[tuple[Frame, Frame]], *, passes: tuple[int, ...], outlier: float) -> Coarse:
     """Correlation passes with window sizes `passes` [px]; the correlations of several pairs are averaged (ensemble).
 
     Windows overlap by half. Each pass shifts the two windows by whole pixels, half each, and searches up to half a
     window around. `outlier`: limit of the normalised median test; outliers try their second peak, then the median.
-    on: where the correlations are computed.
     """
     height, width = pairs[0][0].grey.shape
     coarse: Coarse | None = None
@@ -153,7 +146,7 @@ def predict(
         for a, b in pairs:
             first = _windows(a.grey, a.usable, x, y, -ua, -va, size)
             second = _windows(b.grey, b.usable, x, y, u - ua, v - va, size)
-            planes.append(correlate(*first, *second, on))
+            planes.append(correlate(*first, *second))
             light = np.minimum(light, np.minimum(first[1].mean((1, 2)), second[1].mean((1, 2))))
         found = peaks(np.asarray(sum(planes[1:], planes[0]) / np.float32(len(planes)), np.float32))
         shape = u.shape

@@ -15,15 +15,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.base.arrays import Array, Float32
+from jumpvision.base.arrays import Array, Float32, Image
 from jumpvision.films.frames.base import Frames
-from jumpvision.films.vision.ball.measure import Found
-from jumpvision.films.vision.ball.moving import HEAD, heads, still_scene
-from jumpvision.films.vision.ball.reasons import GOOD, Flag, Reason
-from jumpvision.films.vision.ball.track import BallSettings, BallTrack, as_track
 
-from .flight import in_flight, left
-from .layer import sampled
+from .measure import Found
+from .moving import HEAD, still_scene
+from .reasons import GOOD, Flag, Reason
+from .track import BallSettings, BallTrack, as_track
 
 DIAMETER = 21.0  # px, of a target whose size is not given
 LIKE, SURE = 0.7, 0.85  # least correlation with the target: where it is expected, and anywhere in the picture
@@ -48,14 +46,10 @@ class Target:
 
 
 def track_template(frames: Frames, settings: BallSettings) -> BallTrack:
-    """What is at the seed in the first frame, in all frames: the centre of a ball that flies before a still scene (see
-    `flight`), or the place that was clicked. sigma: by gradients and what the fit leaves."""
+    """Follow what is at the seed in the first frame: the place that was clicked, in all frames. sigma: by gradients and
+    what the fit leaves."""
     assert settings.seed is not None
-    for head in heads(frames):
-        scene = still_scene(head)
-        flying = in_flight(head, scene, settings.diameter, settings.seed)
-        if flying is not None:
-            return flying
+    scene = still_scene(frames)
     target = _cut(np.asarray(frames[0], np.float32), *settings.seed, settings.diameter or DIAMETER)
     if not target.contrast > 0:
         return as_track([Found(Flag(Reason.ONE_GREY))] * len(frames))
@@ -68,6 +62,22 @@ def track_template(frames: Frames, settings: BallSettings) -> BallTrack:
         target = Target(np.mean(grids, axis=0).astype(np.float32), target.weight)
         found, _ = _through(frames, settings, target, scene)
     return as_track(found)
+
+
+def sampled(image: Image, x: float, y: float, turn: float, k: int) -> Float32:
+    """An image on a grid (k, k) laid with its middle at (x, y), turned."""
+    v, u = np.indices((k, k)) - (k - 1) / 2
+    c, s, reach = math.cos(turn), math.sin(turn), 0.75 * k + 3.0
+    x0, y0 = (int(np.clip(a - reach, 0, n - 1)) for a, n in ((x, image.shape[1]), (y, image.shape[0])))
+    part = np.asarray(image[y0 : max(y0, int(y + reach)) + 2, x0 : max(x0, int(x + reach)) + 2], np.float32)
+    at_x, at_y = (x - x0 + c * u - s * v).astype(np.float32), (y - y0 + s * u + c * v).astype(np.float32)
+    return np.asarray(cv2.remap(part, at_x, at_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
+
+
+def left(image: Float32, x: float, y: float, margin: float) -> bool:
+    """Whether (x, y) is beyond a picture's edge by the margin [px], but not the upper one: from there it falls back."""
+    h, w = image.shape
+    return not (-margin < x < w + margin) or y > h + margin
 
 
 def _cut(image: Float32, x: float, y: float, d: float) -> Target:

@@ -1,1 +1,0 @@
-"""Targets that are no plain discs: followed as a picture."""
