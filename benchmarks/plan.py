@@ -31,7 +31,7 @@ from jumpvision.jumper.planning.plan import Plan, Planner, perturbed
 from jumpvision.jumper.planning.solve import guessed, starts
 from jumpvision.jumper.planning.transcription import Limits
 from jumpvision.laboratory.jumper import Motor, Robot, Samples, motion_of
-from jumpvision.thesis.studies.plan import rigid, samples
+from jumpvision.sweeps.plan import rigid, samples
 from tests.worlds.plans import LIMITS, LOOP, SAND
 
 LADDER = np.arange(0.020, 0.0601, 0.005)

@@ -1,6 +1,5 @@
 """Make every picture of docs/images: `python docs/pictures.py [NAME ...]`, some minutes for all; `--stale`: the stale.
 
-With a picture of a study on sand its rows of the table in granular.md are written; those of hard ground are printed.
 Beside the pictures stands inputs.json: of each file its SHA-256, and what it was made from, by which
 tests/test_pictures.py finds the stale ones: numbers and words of a small copy of the figure (fewer points, the same
 code); of the results of the samples the versions of the stages; of a page in the browser its HTML and style.
@@ -35,37 +34,15 @@ from jumpvision.laboratory.jumper import Law, motion_of
 from jumpvision.laboratory.samples import HARD_ROBOT
 from jumpvision.report.figures.pictures import png
 from jumpvision.report.style import MEASURED, MODEL, styled
-from jumpvision.thesis.figures.sweeps import sweep_figure
-from jumpvision.thesis.studies.comparison import compare
-from jumpvision.thesis.studies.study import Call, run, studies
+from jumpvision.sweeps.comparison import compare
+from jumpvision.sweeps.figures import sweep_figure
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 ROOT = Path(__file__).parents[1]
 IMAGES = Path(__file__).with_name("images")
 INPUTS = IMAGES / "inputs.json"
-NUMBERS = Path(__file__).with_name("granular.md")
 HIDDEN = {"e": 0.1}  # landing loss that the model of the comparison's campaign does not know
 WIDTH = 1000  # px of the pictures of hard ground: that of a page
-FEW = {  # of a study: what makes it quick and draws all that it draws
-    "minimum-amplitude": {"frequency": "6:16:6"},
-    "lift-off-time": {"frequency": "8:14.5:9", "amplitude": "0.00002:0.0006:6", "cycles": "20"},
-    "map": {"frequency": "5:18:8", "phase": "0:6.2:7"},
-    "bifurcation": {"frequency": "4.5:24:60", "amplitude": "0.0006:0.0014:3"},
-    "scatter": {"frequency": "5:15:6", "phase": "0:6.2:5"},
-    "traces": {"frequency": "8.2", "phase": "1.5708"},
-    "alpha": {"alpha": "0.06:1.2:4"},
-    "animals": {},
-    "height-amplitude": {"amplitude": "0.001:0.008:4"},
-    "two-frequency": {"alpha": "0.06:1.1:4"},
-    "jump-types": {"phi": "0.57:0.63:5"},
-    "height-phi": {"frequency": "5:11:5", "phi": "0.57:0.63:4"},
-    "delay": {"delay": "0:0.3:16", "frequency": "8:11:3"},
-    "alpha-fit": {"frequency": "5:11:5", "phi": "0.57:0.63:4"},
-    "plan-heights": {"apex": "0.03:0.04:2"},
-    "plan-strategies": {"apex": "0.03:0.04:2"},
-    "drag-scale": {"frequency": "5:11:4"},
-    "foot-radius": {"foot_radius": "0.03:0.05:3"},
-}
 STAGES = ("track", "rod", "bed", "piv", "flow", "column", "fit", "simulate", "summary")  # of the samples' heights
 
 
@@ -161,40 +138,12 @@ def differs(was: Any, now: Any, where: str = "") -> str:
     return f"{where}: {str(was)[:80]} is now {str(now)[:80]}"
 
 
-# -- pictures of studies ---------------------------------------------------------------------------------------------
-def of_study(ground: str, name: str) -> Picture:
-    """The figure of a study; with all points its numbers are told too."""
-
-    def make(few: bool) -> bytes:
-        data, rows = run(Call(ground, FEW.get(name, {}) if few else {}, name, say=lambda text: None))
-        with styled() as new:
-            figure = sweep_figure(data, new)
-            if few:
-                return b""
-            tell(ground, name, rows)
-            return png(figure)
-
-    small = {"colours": 128} if ground == "granular" else {"colours": 256, "width": WIDTH}
-    return Picture(make, of_small_copy(make), **small)
-
-
-def tell(ground: str, name: str, rows: list[dict[str, Any]]) -> None:
-    """The numbers of a study: into the table of granular.md, or printed."""
-    text = "".join(f"| `{name}` | {r['quantity']} | {r['thesis']} | {r['RK4']} | {r['ours']} |\n" for r in rows)
-    if ground == "hard":
-        print(text, end="", flush=True)
-        return
-    page = NUMBERS.read_text(encoding="utf-8")
-    old = re.search(rf"(?:\| `{name}` \|.*\n)+", page) or re.search(r"(?=<!-- end of numbers -->)", page)
-    NUMBERS.write_text(page[: old.start()] + text + page[old.end() :], encoding="utf-8")
-
-
+# -- pictures of jumps ----------------------------------------------------------------------------------------------
 def comparison(few: bool) -> bytes:
     """Forty jumps of the laboratory against the model that does not know HIDDEN."""
     with tempfile.TemporaryDirectory() as place:
         folder = campaign(Path(place) / "campaign", 3 if few else 40)
-        call = Call("hard", {}, compare.name, campaign=folder, results=Path(place) / "results", say=lambda text: None)
-        data, _ = run(call)
+        data = compare("hard", folder, Path(place) / "results", say=lambda text: None)
     with styled() as new:
         figure = sweep_figure(data, new)
         return b"" if few else png(figure)
@@ -225,7 +174,7 @@ def planning(few: bool) -> bytes:
 
     sys.path.append(str(ROOT))
     from jumpvision.jumper.planning.plan import Planner
-    from jumpvision.thesis.studies.plan import rigid
+    from jumpvision.sweeps.plan import rigid
     from tests.worlds.plans import LIMITS, LOOP, SAND
 
     ladder = (0.03, 0.04) if few else (0.02, 0.03, 0.04, 0.05, 0.06)
@@ -255,7 +204,7 @@ def planning(few: bool) -> bytes:
 
 
 # -- pictures that a command makes -----------------------------------------------------------------------------------
-def of_command(words: str, few_words: str) -> Picture:
+def of_command(words: str, few_words: str, colours: int = 0, width: int = 0) -> Picture:
     """The picture that a command writes, with other options for few points."""
 
     def make(few: bool) -> bytes:
@@ -265,7 +214,7 @@ def of_command(words: str, few_words: str) -> Picture:
             (file,) = Path(place).glob("*.png")
             return file.read_bytes()
 
-    return Picture(make, of_small_copy(make))
+    return Picture(make, of_small_copy(make), colours, width)
 
 
 def done(words: list[str]) -> None:
@@ -378,12 +327,7 @@ def workbench(browser: Any) -> bytes:
 
 
 PICTURES: dict[str, Picture] = {
-    **{f"hard_{n}": of_study("hard", n) for n, s in studies("hard").items() if not s.of_campaign and n != "grid"},
-    **{
-        f"granular-{n}": of_study("granular", n)
-        for n, s in studies("granular").items()
-        if not (s.of_campaign or s.any_axes or s.table)
-    },
+    "hard_map": of_command("sweep hard", "sweep hard --frequency 5:18:8 --phase 0:6.2:7", 256, WIDTH),
     "hard_comparison": Picture(comparison, of_small_copy(comparison), 256, WIDTH),
     "planning": Picture(planning, of_small_copy(planning)),
     "dem_hexagonal": of_command(

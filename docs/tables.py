@@ -1,4 +1,4 @@
-"""Make the text of keys.md, the tables of every key of a folder, of the stages and the sweeps; written when the site is
+"""Make the text of keys.md, the tables of every key of a folder, of the stages; written when the site is
 built, printed by `python docs/tables.py`."""
 
 from __future__ import annotations
@@ -14,8 +14,6 @@ from jumpvision.experiment.inputs.sections import SECTIONS, Header, RobotSigma, 
 from jumpvision.experiment.workflow.stage import Input, results_stages
 from jumpvision.films.frames.opening import READERS
 from jumpvision.jumper.mechanisms.registry import MECHANISMS, ModelParameters
-from jumpvision.jumper.physics.model import GROUNDS
-from jumpvision.thesis.studies.study import listed
 
 TARGET = Path(__file__).with_name("keys.md")
 
@@ -98,11 +96,6 @@ def text() -> str:
     ]
     for name, cls in PARAMS.items():
         parts.append(f"### [params.{name}]\n\n{inspect.cleandoc(cls.__doc__ or '')}\n\n{rows(table_of(cls))}")
-    parts.append(
-        "## Analyses of sweeps\n\n`jumpvision sweep GROUND --analysis NAME`; `--analyses` lists them. Each takes "
-        "single values of `--gravity --rod-mass --motor-mass --stiffness --zeta` for another robot."
-    )
-    parts += [f"### {ground} ground\n\n{rows(listed(ground))}" for ground in GROUNDS]
     return "\n\n".join(parts) + "\n"
 
 

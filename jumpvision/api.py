@@ -40,8 +40,10 @@ from jumpvision.report.figures import PICTURES, diagnosis_png, drawn_by_run
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+    from numpy.typing import ArrayLike
 
     from jumpvision.engine.document.diagnosis import Diagnosis
+    from jumpvision.experiment.inputs.sections import Robot
 
 PathLike = str | os.PathLike[str]
 Folder = Experiment | Campaign | str | os.PathLike[str]
@@ -127,39 +129,44 @@ def questioned(folder: Folder, results: PathLike | None, workers: int | None) ->
 def sweep(
     ground: str,
     *,
-    analysis: str = "map",
+    robot: Robot | Mapping[str, Any] | None = None,
     experiment: PathLike | None = None,
-    model: PathLike | None = None,
+    model: PathLike | Mapping[str, Any] | None = None,
     laws: PathLike | None = None,
-    table: PathLike | None = None,
     set: Sequence[str] = (),
     workers: int = 1,
-    **axes: str | float | tuple[float, float, int],
+    **axes: str | float | tuple[float, float, int] | ArrayLike,
 ) -> xr.Dataset:
-    """Jumps over any axes, e.g. frequency=(4, 18, 200), phase=1.57: heights, lift-off, peaks with the axes as dims.
+    """Jumps over any axes: heights [m], number of jumps, lift-off [s], peak power [W] and force [N], dims as the axes.
 
-    axes are those of `jumpvision sweep --help`, analyses of `jumpvision sweep GROUND --analyses`; an axis is
-    (low, high, number), one value, or "LO:HI:N".
+    axes: frequency, phase, amplitude, delay, alpha, gravity, zeta, phi, ... [SI], as in `jumpvision sweep --help`. An
+    axis is an array of values, a tuple (low, high, number) of equal steps, "LOW:HIGH:NUMBER", or one value; a tuple is
+    never three values. robot: values of [robot] [SI] that replace those of the experiment, or of the thesis' robot.
+    model: a file with [model], or values of [model] that replace others (terms=(...), k1=...). laws: a file of the
+    bed's parameters against volume fraction. workers: cores.
 
     Example: jv.sweep("hard", frequency=(5, 15, 41), phase=1.57).jump_height_m
     """
-    from jumpvision.thesis.studies.study import Call
-    from jumpvision.thesis.studies.study import run as run_sweep
+    from jumpvision.sweeps.axes import read_laws
+    from jumpvision.sweeps.sweep import sweep as sweep_axes
 
-    given = {k: ":".join(map(str, v)) if isinstance(v, tuple | list) else str(v) for k, v in axes.items()}
-    call = Call(
+    overrides = overrides_of(tuple(set))
+    if robot is not None:
+        values = robot if isinstance(robot, Mapping) else vars(robot)
+        known = {n: v for n, v in values.items() if v is not None and n != "sigma"}
+        overrides["robot"] = {**overrides.get("robot", {}), **known}
+    if isinstance(model, Mapping):
+        overrides["model"] = {**overrides.get("model", {}), **model}
+    return sweep_axes(
         ground,
-        given,
-        analysis,
+        axes,
         experiment=_path(experiment),
-        model=_path(model),
-        laws=_path(laws),
-        table=_path(table),
-        overrides=overrides_of(tuple(set)),
+        model=None if isinstance(model, Mapping) else _path(model),
+        laws=read_laws(Path(laws)) if laws is not None else None,
+        overrides=overrides,
         workers=workers,
         say=_warn,
     )
-    return run_sweep(call)[0]
 
 
 def plan(
@@ -178,7 +185,7 @@ def plan(
 
     Example: command, numbers = jv.plan("hard", apex=0.02)
     """
-    from jumpvision.thesis.studies.plan import check_call, make_plan, planned_robot, samples, seeded
+    from jumpvision.sweeps.plan import check_call, make_plan, planned_robot, samples, seeded
 
     check_call(ground, apex, limits)
     tables = {n: t for n, t in overrides_of(tuple(set)).items() if t}

@@ -9,26 +9,25 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from conftest import ROOT
 
 from jumpvision.base.schema import InputError
 from jumpvision.cli import main
-from jumpvision.jumper.physics.hard.analysis import SINGLE, STUTTER
 from jumpvision.laboratory import recordings as logs
 from jumpvision.laboratory import write
 from jumpvision.laboratory.jumper import Law, Robot, motion_of
 from jumpvision.laboratory.samples import HARD_ROBOT
-from jumpvision.thesis.figures.sweeps import picture
-from jumpvision.thesis.page import write_sweep
-from jumpvision.thesis.studies.along import chosen
-from jumpvision.thesis.studies.axes import EXAMPLE, read_laws
-from jumpvision.thesis.studies.compute import write as keep
-from jumpvision.thesis.studies.study import Call, run
+from jumpvision.sweeps.along import chosen
+from jumpvision.sweeps.axes import read_laws
+from jumpvision.sweeps.comparison import compare
+from jumpvision.sweeps.figures import picture
 
 NOISE = 5e-5  # m, of a track at 200 frames a second
 SAND = Robot(1.125, 0.175, 0.04, 3300.0, 1.2, 0.0381, 9.81)
 TERMS = ["two_resistance", "depth_drag", "added_mass"]
 FIXED = {"C": 2.7, "mu": 2.0, "theta": math.pi / 3, "delta": 0.01}
-LAWS = read_laws(EXAMPLE)
+LAWS = read_laws(ROOT / "pipelines" / "thesis" / "example_laws.toml")
+STUTTER, SINGLE = 0.5 * math.pi, 1.5 * math.pi  # rad
 KINDS = {"single": SINGLE, "stutter": STUTTER}
 
 
@@ -79,9 +78,7 @@ def sand_campaign(folder: Path, jumps: list[dict[str, Any]], extra: float = 0.0,
 
 
 def compared(folder: Path, ground: str = "granular", over: str = "", model: Path | None = None) -> xr.Dataset:
-    call = Call(ground, {}, "comparison", campaign=folder, results=folder.parent / "out", over=over, model=model,
-                say=lambda _: None)  # fmt: skip
-    return run(call)[0]
+    return compare(ground, folder, folder.parent / "out", over=over, model=model, say=lambda _: None)
 
 
 def through_the_points(data: xr.Dataset, tolerance: float) -> None:
@@ -110,9 +107,6 @@ def test_heights_over_packing_stand_beside_the_models_laws(tmp_path):
     through_the_points(data, 1.5e-4)
     assert float(data.curve_m[0, 0].max() - data.curve_m[0, 0].min()) > 0.02
     assert picture(data).startswith(b"\x89PNG")
-    page = write_sweep(keep(data, tmp_path / "page", "comparison.nc")).read_text()
-    assert "mm of 2, simulated" in page and "trials scatter by" in page  # said of each point
-    assert "single: declared model" in page and "stutter: less declared model" in page
 
 
 def test_a_second_model_has_a_curve_and_residuals_of_its_own(tmp_path):
@@ -137,7 +131,7 @@ def test_the_command_draws_along_the_axis_that_is_asked_for(tmp_path, capsys):
     sand_campaign(folder, jumps)
     values = "".join(f"{n} = {x}\n" for n, x in (bed | FIXED).items())
     (tmp_path / "model.toml").write_text(f"[model]\nterms = {TERMS}\n{values}".replace("'", '"'))
-    call = ["sweep", "granular", "--analysis", "comparison", "--campaign", str(folder), "--over", "phi"]
+    call = ["sweep", "granular", "--analysis", "comparison", str(folder), "--over", "phi"]
     assert main([*call, "--model", str(tmp_path / "model.toml"), "--workers", "1"]) == 0
     assert "chi2" in capsys.readouterr().out
     with xr.open_dataset(tmp_path / "results" / "c" / "comparison.nc") as data:
@@ -187,4 +181,4 @@ def test_a_bad_axis_is_told(tmp_path, capsys):
     with pytest.raises(InputError, match="--over apex: no axis of a campaign"):
         chosen({"frequency": np.array([1.0, 2.0])}, "apex")
     assert main(["sweep", "hard", "--over", "phi"]) == 2
-    assert "is of --campaign" in capsys.readouterr().err
+    assert "is of --analysis comparison" in capsys.readouterr().err

@@ -11,8 +11,7 @@ from jumpvision.base.schema import InputError
 from jumpvision.jumper.mechanisms.registry import ModelParameters
 from jumpvision.jumper.physics.batch import jump_batch, with_gain
 from jumpvision.jumper.physics.forcing import Loop, Segments
-from jumpvision.jumper.physics.hard.analysis import half_cycle_rows
-from jumpvision.jumper.physics.hard.jump import sine_rows
+from jumpvision.jumper.physics.hard.jump import half_cycle_rows, sine_rows
 from jumpvision.jumper.physics.model import Model
 from jumpvision.jumper.physics.sand.jump import simulate
 from tests.worlds.sand import random_values

@@ -14,13 +14,13 @@ from scipy.signal import lfilter
 
 from jumpvision.cli import main
 from jumpvision.engine.noise.noise import Noise
-from jumpvision.engine.study.particle import Body
 from jumpvision.engine.system import Observation
 from jumpvision.estimate.decay import LAWS, decay_law
 from jumpvision.estimate.flight import Flights, contact_flights, restitution
 from jumpvision.estimate.oscillation import decay_fits
 from jumpvision.estimate.ringdown import peaks_damping, ring_down
 from jumpvision.experiment.workflow.stage import StageWarning
+from tests.worlds.particle import Body
 
 ZETA, F0 = 0.0083, 11.13
 W0 = 2 * math.pi * F0

@@ -16,8 +16,7 @@ from jumpvision.browser.demo.controls import BED_TERMS, default_jump
 from jumpvision.browser.demo.server import MODULES, STATIC, made_module
 from jumpvision.jumper.mechanisms.registry import ModelParameters
 from jumpvision.jumper.physics.forcing import Segments
-from jumpvision.jumper.physics.hard.analysis import half_cycle_rows
-from jumpvision.jumper.physics.hard.jump import hard_jump, sine_rows
+from jumpvision.jumper.physics.hard.jump import half_cycle_rows, hard_jump, sine_rows
 from jumpvision.jumper.physics.model import OF_BED, Model
 from jumpvision.jumper.physics.sand.jump import simulate
 

@@ -9,9 +9,9 @@ from scipy.integrate import solve_ivp
 from jumpvision.engine.fitting import Problem
 from jumpvision.engine.noise.noise import Noise
 from jumpvision.engine.order import Order
-from jumpvision.engine.study.particle import LAW, UNDRIVEN, path
 from tests.worlds import bodies as real
 from tests.worlds.bodies import Ball, diagnose_balls, together
+from tests.worlds.particle import LAW, UNDRIVEN, path
 
 STEP = 2 * np.pi / 40000  # rad, of the encoder
 

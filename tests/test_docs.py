@@ -26,7 +26,6 @@ import jumpvision as jv
 from jumpvision.cli import main
 from jumpvision.experiment.inputs.experiment import open_experiment
 from jumpvision.experiment.inputs.logs import read_log
-from jumpvision.thesis.studies.study import Sweep, studies
 
 DOCS = ROOT / "docs"
 BLOCK = re.compile(r"<!-- (.*?) -->\n```(bash|toml|python)\n(.*?)```(?:\n+```(toml)\n(.*?)```)?", re.S)
@@ -58,9 +57,9 @@ ELSEWHERE = {  # commands that take long or wait for somebody: the test that doe
     "demo":
         "test_demo.test_the_command_prints_the_address_serves_and_stops_on_interrupt",
     "demo --export jumper_page": "test_demo.test_the_command_writes_the_page_to_a_folder",
-    "sweep granular --analysis comparison --campaign CAMPAIGN --over phi --model results/CAMPAIGN/model.toml":
+    "sweep granular --analysis comparison CAMPAIGN --over phi --model results/CAMPAIGN/model.toml":
         "test_along.test_the_command_draws_along_the_axis_that_is_asked_for",
-    "sweep hard --analysis comparison --campaign CAMPAIGN":
+    "sweep hard --analysis comparison CAMPAIGN":
         "test_hard_compare.test_the_command_writes_a_file_a_figure_and_a_table",
     "synth samples my_samples":
         "test_lab.test_samples_are_never_written_over",
@@ -71,17 +70,11 @@ ELSEWHERE = {  # commands that take long or wait for somebody: the test that doe
     "synth reveal game":
         "test_lab_blind.test_the_game_on_disk",
 }  # fmt: skip
-EACH = "test_sweep.test_every_analysis_gives_a_file_a_figure_and_numbers"
 FILMED = "test_dem.test_a_film_of_discs_is_read_as_they_moved_and_other_discs_move_like_it"
 ELSEWHERE |= {
     "dem --experiment data_samples/loose_sand/stutter-7.0Hz-film --diameter 0.002": FILMED,
     "dem --fraction 0.6 --friction 0.5 --carpet 100 --film": FILMED,
 }
-ELSEWHERE |= {f"sweep hard --analysis {s.name}": EACH for s in studies("hard").values() if not s.of_campaign}
-ELSEWHERE["sweep hard --analysis animals --table animals.csv"] = (
-    "test_sweep.test_animals_of_a_table_stand_beside_the_simulated_ones"
-)
-ELSEWHERE["sweep hard --analysis traces --frequency 5:12:8 --phase 1.5708"] = EACH
 
 
 def environment(folder: Path) -> dict[str, str]:
@@ -292,14 +285,12 @@ def test_modules_and_functions_that_a_page_names_exist(page):
 
 
 def test_names_that_contributing_shortens_exist():
-    """`module.name` of a module somewhere in the package; `s.name` of the sweep that a study is given."""
+    """`module.name` of a module somewhere in the package."""
     quoted = re.findall(r"`((\w+)\.(\w+)[^`\n]*)`", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"))
     short = [(a, b) for text, a, b in quoted if not text.endswith(MADE) and "/" not in text and not b.isupper()]
-    assert {("folders", "open_folder"), ("s", "axis"), ("terminal", "result")} <= {*short}
+    assert {("folders", "open_folder"), ("terminal", "result")} <= {*short}
     for module, name in short:
-        if module == "s":
-            assert hasattr(Sweep, name) or name in Sweep.__annotations__, name
-        elif module not in ("jv", *wings()):
+        if module not in ("jv", *wings()):
             named = [m for m in modules() if m.endswith(f".{module}")]
             assert any(hasattr(importlib.import_module(m), name) for m in named), f"{module}.{name}"
 
@@ -400,22 +391,19 @@ def test_the_site_is_searched_from_its_first_page(site, browser):
     page.close()
 
 
-def test_every_figure_of_the_thesis_stands_with_a_command_that_is_known():
-    """docs/figures.md: Fig 14 and those of chapters II to IV, 18 to 69; a command is the program's, an analysis too."""
+def test_every_figure_of_the_thesis_stands_with_a_command_or_script_that_is_there():
+    """docs/figures.md: Fig 14 and those of chapters II to IV, 18 to 69; a command is the program's."""
     page = (DOCS / "figures.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| (\d+) \| ([^|]+) \|", page, re.M)
     assert [int(n) for n, _ in rows] == [14, *range(18, 70)]
-    analyses = {name for ground in ("hard", "granular") for name in studies(ground)}
     known = known_commands()
     for command in re.findall(r"`jumpvision ([^`]+)`", page):
         words = shlex.split(command)
         assert words[0] in known, command
-        if "--analysis" in words:
-            assert words[words.index("--analysis") + 1] in analyses, command
         if words[1:] and words[1].startswith("data_samples"):
             assert (ROOT / words[1] / "experiment.toml").exists(), command
-    for text in re.findall(r"by `(?:sweep \w+ )?--analysis ([\w-]+)", page):
-        assert text in analyses, text
+    for name in re.findall(r"`(pipelines/thesis/[^`]+)`", page):
+        assert (ROOT / name).exists(), name
 
 
 def known_commands() -> set[str]:

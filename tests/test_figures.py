@@ -17,11 +17,12 @@ from jumpvision.cli import main
 from jumpvision.experiment.campaign.folder import jumps_table, write_jumps
 from jumpvision.experiment.results import fields
 from jumpvision.films.vision.piv.pair import MASKED, REASONS
+from jumpvision.report.catalogue import available
 from jumpvision.report.figures.flows import worst_and_shares
 from jumpvision.report.figures.grains import band, busiest
 from jumpvision.report.style import ACCENT, COLUMN, GREEN, MAP, MEASURED, MODEL, PAGE, kind_of, lettered, printed, save
 from jumpvision.report.style import KINDS as LOOKS
-from jumpvision.thesis.catalogue import available
+from jumpvision.sweeps.figures import of_folder
 
 POINT = 25.4 / 72  # mm
 PACKAGE = Path(jumpvision.__file__).parent
@@ -66,12 +67,12 @@ def test_a_campaign_an_experiment_and_a_sweep_list_what_they_have(results, sweep
     assert listed(results) == ["heights", "tracks", "diagnosis", *grains]
     assert listed(results / "stutter-1") == ["tracks", *grains]
     assert listed(results / "single-0") == ["tracks"]
-    assert listed(sweep) == listed(sweep / "sweep.nc") == ["sweep-map"]
+    assert listed(sweep) == listed(sweep / "sweep.nc") == ["sweep"]
 
 
 def test_no_letter_is_drawn_that_print_fonts_lack():
     """Arial, Helvetica and their like have no small digits below the line: those are set by mathtext."""
-    drawing = [f for wing in ("report", "thesis") for f in (PACKAGE / wing / "figures").glob("*.py")]
+    drawing = [*(PACKAGE / "report" / "figures").glob("*.py"), *(PACKAGE / "sweeps").glob("*figure*.py")]
     assert len(drawing) > 10
     assert [f.name for f in drawing if re.search("[\u2080-\u209c]", f.read_text(encoding="utf-8"))] == []
 
@@ -91,7 +92,7 @@ def test_the_same_results_give_the_same_files(results, sweep, tmp_path):
         given = ["--only", "grain-momentum", "--format", "pdf,svg", "--format", "png", "--out", str(tmp_path / out)]
         assert main(["figures", str(results), *given]) == 0
     assert main(["figures", str(sweep)]) == 0
-    assert [f.name for f in (sweep / "figures").iterdir()] == ["sweep-map.pdf"]
+    assert [f.name for f in (sweep / "figures").iterdir()] == ["sweep.pdf"]
     made = sorted(f.name for f in (tmp_path / "a").iterdir())
     assert made == ["grain-momentum.pdf", "grain-momentum.png", "grain-momentum.svg"]
     for name in made:
@@ -234,18 +235,17 @@ def told(axis, which):
 
 def test_every_panel_has_its_letter_every_axis_its_name_and_every_line_its_legend(results, sweep):
     seen = 0
-    for source in (results, sweep):
-        for name, (_, _, draw) in available(source).items():
-            with printed() as Figure:
-                figure = lettered(draw(Figure))
-            panels = [a for a in figure.axes if not hasattr(a, "_colorbar")]
-            if len(panels) > 1:
-                assert [a.get_title(loc="left")[:3] for a in panels] == [f"({c})" for c in "abcdefghi"[: len(panels)]]
-            legends = [t.get_text() for a in panels if a.get_legend() for t in a.get_legend().get_texts()]
-            for axis in panels:
-                assert told(axis, "x") and told(axis, "y"), (name, axis.get_title(loc="left"))
-                assert set(axis.get_legend_handles_labels()[1]) <= set(legends), name
-                seen += 1
+    for name, draw in {**{n: o.draw for n, o in available(results).items()}, **of_folder(sweep)}.items():
+        with printed() as Figure:
+            figure = lettered(draw(Figure))
+        panels = [a for a in figure.axes if not hasattr(a, "_colorbar")]
+        if len(panels) > 1:
+            assert [a.get_title(loc="left")[:3] for a in panels] == [f"({c})" for c in "abcdefghi"[: len(panels)]]
+        legends = [t.get_text() for a in panels if a.get_legend() for t in a.get_legend().get_texts()]
+        for axis in panels:
+            assert told(axis, "x") and told(axis, "y"), (name, axis.get_title(loc="left"))
+            assert set(axis.get_legend_handles_labels()[1]) <= set(legends), name
+            seen += 1
     assert seen > 15
 
 
@@ -270,6 +270,4 @@ def test_a_sweep_never_replaces_another(tmp_path, capsys):
     kept = sorted(f.name for f in tmp_path.glob("sweep-map-frequency-*.nc"))
     assert len(kept) == 2 and (tmp_path / "sweep.nc").exists()
     assert sorted(len(xr.load_dataset(tmp_path / f).frequency) for f in kept) == [3, 4]
-    assert {f.removesuffix(".nc") for f in kept} < set(available(tmp_path))
-    assert main(["report", str(tmp_path / kept[0])]) == 0
-    assert (tmp_path / kept[0]).with_suffix(".html").exists() and not (tmp_path / "report.html").exists()
+    assert {f.removesuffix(".nc") for f in kept} < set(of_folder(tmp_path))

@@ -18,8 +18,7 @@ from jumpvision.laboratory import recordings as logs
 from jumpvision.laboratory import write
 from jumpvision.laboratory.jumper import Law, motion_of
 from jumpvision.laboratory.samples import HARD_ROBOT
-from jumpvision.thesis.studies.comparison import compare
-from jumpvision.thesis.studies.study import Call, run
+from jumpvision.sweeps.comparison import compare
 
 NOISE = 1e-4  # m, of a track at 200 frames a second
 SIGMA = {"spring_stiffness": 40.0, "gravity": 0.01}  # of the robot's values
@@ -98,7 +97,7 @@ def drawn_robot(rng):
 
 
 def compared(folder, **overrides):
-    return run(Call("hard", {}, compare.name, campaign=folder, results=folder.parent / "out", overrides=overrides))
+    return compare("hard", folder, folder.parent / "out", overrides=overrides)
 
 
 @pytest.mark.long
@@ -109,7 +108,7 @@ def test_a_campaign_that_the_model_explains(tmp_path):
         rng = np.random.default_rng([20, seed])
         (tmp_path / str(seed)).mkdir()
         folder = campaign(tmp_path / str(seed) / "c", rng, points=POINTS[2:6], robot=drawn_robot(rng), sigma=SIGMA)
-        data, _ = compared(folder)
+        data = compared(folder)
         p.append(data.attrs["p_value"])
         least.append(data.attrs["p_largest"])
         z.append(data.z.values)
@@ -126,18 +125,18 @@ STUTTERS, SINGLES = POINTS[:4], POINTS[4:]
 def test_a_landing_loss_is_found_where_a_landing_comes_before_the_jump(tmp_path):
     hidden = {"terms": ("landing_loss",), "truth": {"e": 0.33}}
     folder = campaign(tmp_path / "c", np.random.default_rng(5), sigma=SIGMA, **hidden)
-    data, _ = compared(folder)
+    data = compared(folder)
     assert data.attrs["p_value"] < 1e-6
     low = data.frequency < 10.0
     assert data.stands_out.values[low].all() and not data.stands_out.values[~low].any()
     assert (data.z.values[low] < -4.0).all()  # 4 to 8 mm lower where the model is known to 0.15 mm
     # told of the loss, the model agrees
     told = {"model": {"terms": ["landing_loss"], "e": 0.33}}
-    data, _ = compared(folder, **told)
+    data = compared(folder, **told)
     assert data.attrs["p_value"] > 0.01 and data.attrs["p_largest"] > 0.01
     # and a prior on the loss widens the stutter jumps only: one sigma of e = 0.02 is 0.02 / 0.33 of the loss
     told["model"]["sigma"] = {"e": 0.02}
-    data, _ = compared(folder, **told)
+    data = compared(folder, **told)
     step = data.model_step_m.sel(parameter="model.e").values
     single = data.frequency.values[data.trial_condition.values] > 10.0
     np.testing.assert_allclose(step[single], 0.0, atol=1e-12)
@@ -148,7 +147,7 @@ def test_an_uncertain_parameter_moves_the_model_by_one_sigma_of_it(tmp_path):
     """The laboratory's jump with gravity and stiffness one sigma to either side: half the change of its height is what
     the model is uncertain by, to 2 % (heights to 1e-6 m of changes of 1e-4 m)."""
     f, phase = POINTS[2]
-    data, _ = compared(campaign(tmp_path / "c", np.random.default_rng(10), points=POINTS[2:3], sigma=SIGMA))
+    data = compared(campaign(tmp_path / "c", np.random.default_rng(10), points=POINTS[2:3], sigma=SIGMA))
 
     def height(name, value):
         robot = HARD_ROBOT._replace(**{name: value})
@@ -171,7 +170,7 @@ def test_another_damping_is_found_by_all_conditions_together(tmp_path):
     """
     hidden = {"terms": ("spring_damping",), "truth": {"dc": 0.15}}
     folder = campaign(tmp_path / "c", np.random.default_rng(6), sigma=SIGMA, **hidden)
-    data, _ = compared(folder)
+    data = compared(folder)
     assert data.attrs["p_value"] < 1e-4 and data.attrs["p_largest"] > 0.05 and (data.difference_m < 0).all()
 
 
@@ -181,7 +180,7 @@ def test_trials_are_combined_and_what_cannot_be_compared_is_told(tmp_path, capsy
     rest = Path(folder / "rest")
     rest.mkdir()
     write.toml(rest / "experiment.toml", {"actuation": {"kind": "sine", "frequency": 8.0, "amplitude": 0.004}})
-    data, _ = compared(folder)
+    data = compared(folder)
     assert "rest: left out: no measured jump height" in capsys.readouterr().out
     assert data.sizes["condition"] == 2 and data.sizes["trial"] == 4 and (data.trials == 2).all()
     for c in range(2):
@@ -204,19 +203,17 @@ def test_a_motor_that_left_its_law_is_simulated_by_its_log(tmp_path):
         text = {"kind": "sine", "frequency": f, "amplitude": 0.0042, "phase": phase, "start": 0.2}
         tables = {"actuation": text, "rod_track": {"file": "rod.csv"}, "motor_log": {"file": "motor.csv"}}
         write.toml(own / "experiment.toml", tables)
-    data, _ = compared(folder)
+    data = compared(folder)
     # a logged motor at 1 kHz costs some 0.01 to 0.1 mm, told in the model's uncertainty
     assert np.all(np.abs(data.difference_m) < 2e-4) and data.attrs["p_value"] > 0.01
     assert np.all((data.model_sigma_m > 5e-6) & (data.model_sigma_m < 1e-4))
-    data, _ = compared(folder, params={"simulate": {"driver": "law"}})
+    data = compared(folder, params={"simulate": {"driver": "law"}})
     assert np.all(data.difference_m < -1.5e-3)
 
 
 def test_the_command_writes_a_file_a_figure_and_a_table(tmp_path, capsys):
     folder = campaign(tmp_path / "c", np.random.default_rng(8), points=(POINTS[2], POINTS[5]), sigma=SIGMA)
-    assert (
-        main(["sweep", "hard", "--analysis", "comparison", "--campaign", str(folder), "--workers", "1", "--json"]) == 0
-    )
+    assert main(["sweep", "hard", "--analysis", "comparison", str(folder), "--workers", "1", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     results = tmp_path / "results" / "c"
     assert said["files"] == [str(results / "comparison.nc"), str(results / "comparison.png")]
@@ -237,11 +234,11 @@ def test_the_command_writes_a_file_a_figure_and_a_table(tmp_path, capsys):
     "words, told",
     [
         (["hard", "--analysis", "comparison"], "go together"),
-        (["hard", "--campaign", "X"], "go together"),
-        (["granular", "--analysis", "map", "--campaign", "X"], "go together"),
-        (["hard", "--analysis", "comparison", "--campaign", "X", "--frequency", "1:2:3"], "leave it out"),
-        (["hard", "--analysis", "comparison", "--campaign", "X", "--experiment", "X"], "leave it out"),
-        (["hard", "--analysis", "comparison", "--campaign", "nowhere"], "does not exist"),
+        (["hard", "X"], "go together"),
+        (["granular", "--analysis", "map", "X"], "go together"),
+        (["hard", "--analysis", "comparison", "X", "--frequency", "1:2:3"], "leave it out"),
+        (["hard", "--analysis", "comparison", "X", "--experiment", "X"], "leave it out"),
+        (["hard", "--analysis", "comparison", "nowhere"], "does not exist"),
     ],
 )
 def test_a_bad_call_is_told_and_writes_nothing(words, told, tmp_path, capsys, monkeypatch):

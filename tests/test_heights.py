@@ -30,7 +30,7 @@ from jumpvision.jumper.question.words import heights_of
 from jumpvision.laboratory.blind import draw
 from jumpvision.laboratory.campaign import write_campaign
 from jumpvision.laboratory.jumper import AT_THE_CAMERA
-from jumpvision.thesis.studies.setup import setup_of
+from jumpvision.sweeps.robot import setup_of
 
 
 def worlds(folder: Path, seed: int, ground: str) -> Path:

@@ -16,7 +16,7 @@ from jumpvision.experiment.inputs.parameters import IntrusionParams
 from jumpvision.experiment.stages.bed.intrusion import curves_of
 from jumpvision.laboratory import write
 from jumpvision.laboratory.intrusions import Arm, Grains, log
-from jumpvision.thesis.studies.axes import read_laws
+from jumpvision.sweeps.axes import read_laws
 
 ARM = Arm(surface=0.0007)
 DOWN = [("to", 0.06)]

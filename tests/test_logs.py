@@ -366,12 +366,3 @@ def test_marks_that_are_closed_or_stand_within_a_cell_are_text(tmp_path):
     comments, file = {2: '"lamp, off"', 3: '3" rod', 5: 'the "good" one'}, tmp_path / "motor.csv"
     file.write_text("time_s,position_m,note\n" + "\n".join(r + comments.get(i, "") for i, r in enumerate(ROWS)) + "\n")
     assert read_log(motor(file), "time_s", "position_m").position_m.to_numpy() == pytest.approx(X, abs=1e-6)
-
-
-def test_nor_of_a_table_that_a_person_writes(tmp_path):
-    from jumpvision.experiment.inputs.logs import LENGTH, read_columns
-
-    file = tmp_path / "animals.csv"
-    file.write_text('name,length [mm]\nflea,1\n"bush baby,2\ncat,3\nflea",4\n')
-    with pytest.raises(InputError, match="row 2: a quotation mark opens the cell"):
-        read_columns(file, {"length": LENGTH})

@@ -13,8 +13,8 @@ from scipy.integrate import solve_ivp
 
 from jumpvision.engine.fitting import Problem
 from jumpvision.engine.noise.noise import Noise
-from jumpvision.engine.study.particle import LONGEST, UNDRIVEN, Body, path
 from jumpvision.engine.system import Observation, Parameter
+from tests.worlds.particle import LONGEST, UNDRIVEN, Body, path
 
 TIMES = np.arange(0.0, 2.0, 0.02)
 

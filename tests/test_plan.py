@@ -27,8 +27,8 @@ from jumpvision.jumper.physics.model import Model
 from jumpvision.laboratory import recordings as logs
 from jumpvision.laboratory import write
 from jumpvision.laboratory.jumper import Motor, Robot, Samples, motion_of
-from jumpvision.thesis.figures.plan import end_of
-from jumpvision.thesis.studies.plan import Planned, recorded_jump, rigid, samples
+from jumpvision.sweeps.plan import Planned, recorded_jump, rigid, samples
+from jumpvision.sweeps.plan_figure import end_of
 
 casadi = pytest.importorskip("casadi", reason="planning needs CasADi: pip install 'jumpvision[plan]'")
 

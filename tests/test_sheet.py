@@ -11,9 +11,7 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from test_behaviour import ALL, DWELL, RINGS, kept_remembering, remembered
-
-from jumpvision.thesis.studies.study import Call, run
+from test_behaviour import ALL, RINGS, kept_remembering, remembered
 
 M_M, M_R, M_F, K, C_S, G, R = 1.125, 0.175, 0.04, 3300.0, 1.2, 9.81, 0.0381
 M = M_M + M_R
@@ -156,13 +154,3 @@ def test_an_integrator_of_this_file_gives_the_sheet_s_heights_and_the_program_s(
     own = sheet_height(f, *PHASES[kind], Bed(phi, **(settings or {})), gain)
     assert own == pytest.approx(sheet, abs=0.1)
     assert own == pytest.approx(remembered(kind, phi, gain, settings).item(), abs=0.01)
-
-
-def test_a_single_at_the_sheet_s_packing_is_as_high_as_the_delayed_jump_on_loose_sand_from_after_the_hop():
-    """phi 0.6076 to its last digit: from after the hop the program's lies between this file's singles beside it."""
-    data, _ = run(Call("granular", {"phi": "0.57:0.63:13"}, "jump-types", say=lambda _: None))
-    after = 1e3 * float(data.height_after_hop_m[0])
-    below, above = (
-        sheet_height(kept_remembering("single", DWELL), *PHASES["single"], Bed(phi), DWELL) for phi in (0.6071, 0.6081)
-    )
-    assert below < after < above

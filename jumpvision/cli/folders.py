@@ -491,18 +491,8 @@ def _foreign(path: Path, simulator: str, limit: float, budget: int | None, optio
 @app.command
 def report(path: Path, /, *, options: Options = OPTIONS) -> int:
     """One self-contained HTML page with the figures, all pictures and films, from the results (computing what is
-    missing); or of a sweep.nc.
+    missing).
 
     Example: jumpvision report data_samples/hard_ground --results results/hard_ground
     """
-    if path.suffix == ".nc":
-        from jumpvision.thesis.page import write_sweep
-
-        from . import terminal
-
-        page = write_sweep(path)
-        terminal.result(
-            {"results": str(path.parent), "files": [str(page)]}, [{"file": str(page)}], as_json=options.json
-        )
-        return DONE
     return show(work(path, options, every_page=True), options, page=True)

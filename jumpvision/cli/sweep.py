@@ -1,4 +1,4 @@
-"""Commands on a model alone: sweeps and analyses, publication figures of results, motor trajectories."""
+"""Commands on a model alone: maps of jumps, publication figures of results, motor trajectories."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
@@ -19,7 +19,7 @@ _axis, _limit = partial(option, group=AXES), partial(option, group=LIMITS)
 @Parameter(name="*", show_default=False)
 @dataclass(frozen=True)
 class SweepAxes:
-    """The axes of a sweep, in the order of its dimensions; what they mean is checked in sweep.axes."""
+    """The axes of a sweep, in the order of its dimensions; what they mean is checked in sweeps.axes."""
 
     frequency: Annotated[str | None, _axis("Forcing frequency [Hz].")] = None
     phase: Annotated[str | None, _axis("Start phase [rad]; pi/2 is a stutter jump, 3 pi/2 a single jump.")] = None
@@ -38,7 +38,6 @@ class SweepAxes:
     zeta: Annotated[str | None, _axis("Damping ratio c / (2 sqrt(k M)).")] = None
     phi: Annotated[str | None, _axis("Volume fraction of the bed (granular).")] = None
     foot_radius: Annotated[str | None, _axis("Radius of the foot [m] (granular).")] = None
-    apex: Annotated[str | None, _axis("Height that plans are made for [m] (granular, analyses of plans).")] = None
 
 
 @Parameter(name="*")
@@ -46,25 +45,20 @@ class SweepAxes:
 class SweepOptions:
     """What is swept besides the axes, and where it goes."""
 
-    analysis: Annotated[str, option("map, or the name of another analysis: --analyses lists them.")] = "map"
-    analyses: Annotated[
-        bool, Parameter(negative="", show_default=False, help="List the analyses of GROUND, and compute none.")
-    ] = False
+    analysis: Annotated[
+        Literal["map", "comparison"],
+        option("map, or comparison: the measured heights of CAMPAIGN beside simulated ones."),
+    ] = "map"
     experiment: Annotated[
         Path | None,
         option("An experiment.toml, or its folder, that gives robot, law and model; default: the thesis' robot."),
     ] = None
-    campaign: Annotated[Path | None, option("Folder of experiments for an analysis of measured jumps.")] = None
     model: Annotated[Path | None, option("A TOML file whose [model] replaces the model, e.g. model.toml.")] = None
     laws: Annotated[
         Path | None,
-        option(
-            "A TOML file of the bed's parameters against volume fraction; named analyses on granular ground default "
-            "to an example (docs/granular.md)."
-        ),
+        option("A TOML file of the bed's parameters against volume fraction (docs/granular.md)."),
     ] = None
     over: Annotated[str, option("Axis along which a comparison is drawn, e.g. phi; default: what varies most.")] = ""
-    table: Annotated[Path | None, option("A CSV of your own, drawn beside the analysis: animals.")] = None
     results: Annotated[
         Path | None, option("Folder for the files; default: results/sweep, or results/NAME beside the campaign.")
     ] = None
@@ -78,8 +72,14 @@ class SweepOptions:
 
 
 @app.command
-def sweep(ground: str, /, *, axes: SweepAxes = SweepAxes(), options: SweepOptions = SweepOptions()) -> int:
-    """Jumps over any axes, or a named analysis of thesis chapters II and III: sweep.nc and sweep.png (or comparison.*).
+def sweep(
+    ground: str,
+    campaign: Path | None = None,
+    *,
+    axes: SweepAxes = SweepAxes(),
+    options: SweepOptions = SweepOptions(),
+) -> int:
+    """Jumps over any axes: sweep.nc and sweep.png; or a campaign's measured heights beside simulated: comparison.*.
 
     Example: jumpvision sweep hard --frequency 4:18:200 --phase 0:6.283:200
 
@@ -87,50 +87,72 @@ def sweep(ground: str, /, *, axes: SweepAxes = SweepAxes(), options: SweepOption
     ----------
     ground
         hard or granular.
+    campaign
+        Folder of experiments, for --analysis comparison.
     """
     from dataclasses import asdict
 
+    from jumpvision.base.schema import InputError
     from jumpvision.experiment.campaign.folder import results_of
     from jumpvision.experiment.inputs.experiment import folder_of
     from jumpvision.experiment.inputs.overrides import overrides_of
-    from jumpvision.thesis.studies.compute import keep_other, write
-    from jumpvision.thesis.studies.study import Call, listed, run, studies
+    from jumpvision.sweeps.axes import option as typed
+    from jumpvision.sweeps.axes import read_laws
+    from jumpvision.sweeps.sweep import highest, keep_other, write
+    from jumpvision.sweeps.sweep import sweep as sweep_axes
 
     from . import terminal as show
 
-    if options.analyses:
-        rows = listed(ground)
-        show.result(rows, rows, as_json=options.json)
-        return DONE
-    o, campaign = options, options.campaign
+    o, given = options, {name: text for name, text in asdict(axes).items() if text is not None}
     results = o.results or (results_of(folder_of(campaign)) if campaign else Path("results/sweep"))
-    call = Call(
-        ground,
-        {name: text for name, text in asdict(axes).items() if text is not None},
-        o.analysis,
-        experiment=o.experiment,
-        campaign=campaign,
-        model=o.model,
-        laws=o.laws,
-        table=o.table,
-        over=o.over,
-        results=results,
-        overrides=overrides_of(o.settings),
-        workers=o.workers or cores(),
-        say=show.line,
-    )
-    with show.progress():
-        data, rows = run(call)
-    name = studies()[o.analysis].file
+    workers, overrides = o.workers or cores(), overrides_of(o.settings)
+    if (campaign is not None) != (o.analysis == "comparison"):
+        raise InputError(["sweep: CAMPAIGN and --analysis comparison go together; give both or neither"])
+    if campaign is not None:
+        from jumpvision.sweeps.comparison import FILE, compare, rows
+
+        alone = [f"{typed(n)} {v}: the jumps are the campaign's own" for n, v in given.items()]
+        alone += [f"--{n} {v}: every experiment gives its own" for n in ("experiment", "laws") if (v := getattr(o, n))]
+        if alone:
+            raise InputError([f"{p}; leave it out" for p in alone])
+        with show.progress():
+            data = compare(
+                ground,
+                campaign,
+                results,
+                model=o.model,
+                over=o.over,
+                overrides=overrides,
+                workers=workers,
+                say=show.line,
+            )
+        table, name = rows(data), FILE
+    else:
+        from jumpvision.sweeps.sweep import FILE as name
+
+        if o.over:
+            raise InputError([f"--over {o.over}: is of --analysis comparison; leave it out"])
+        with show.progress():
+            data = sweep_axes(
+                ground,
+                given,
+                experiment=o.experiment,
+                model=o.model,
+                laws=read_laws(o.laws) if o.laws else None,
+                overrides=overrides,
+                workers=workers,
+                say=show.line,
+            )
+        table = [{"quantity": "highest centre of mass", "value": highest(data)}]
     if kept := keep_other(results / name, data):
         show.line(f"{name} held another sweep; that one is kept as {kept}")
     files = [write(data, results, name)]
     if o.pictures:
-        from jumpvision.thesis.figures.sweeps import picture
+        from jumpvision.sweeps.figures import picture
 
         files.append(files[0].with_suffix(".png"))
         files[1].write_bytes(picture(data))
-    show.written({"results": str(results), "numbers": rows}, rows, files, as_json=o.json)
+    show.written({"results": str(results), "numbers": table}, table, files, as_json=o.json)
     return DONE
 
 
@@ -170,7 +192,8 @@ def figures(
     from jumpvision.base.schema import InputError
     from jumpvision.experiment.campaign.folder import results_of
     from jumpvision.experiment.inputs.experiment import is_campaign, open_experiment
-    from jumpvision.thesis.catalogue import available, draw
+    from jumpvision.report.catalogue import Offered, available, draw
+    from jumpvision.sweeps.figures import of_folder
 
     from . import terminal as show
 
@@ -179,12 +202,16 @@ def figures(
     if not source.exists():
         raise InputError([f"{source}: no results there; run `jumpvision run {path}` first, or give --results"])
     recorded = open_experiment(path) if recordings and not is_campaign(path) else None
+    found = available(source, recorded) if source.is_dir() else {}
+    found |= {n: Offered(n, "a map of jumps, or a comparison", f) for n, f in of_folder(source).items()}
+    if not found:
+        raise InputError([f"{source}: holds no results to draw; run `jumpvision run` or `jumpvision sweep` first"])
     if list_:
-        rows = [{"figure": o.name, "shows": o.shows} for o in available(source, recorded).values()]
+        rows = [{"figure": o.name, "shows": o.shows} for o in found.values()]
         show.result(rows, rows, as_json=json)
         return DONE
     folder = out or (source if source.is_dir() else source.parent) / "figures"
-    files = draw(source, folder, _split(only), _split(format), recorded)
+    files = draw(found, folder, _split(only), _split(format))
     rows = [{"file": str(f)} for f in files]
     show.result({"figures": [str(f) for f in files]}, rows, as_json=json)
     return DONE
@@ -264,7 +291,7 @@ def plan(
     from dataclasses import asdict
 
     from jumpvision.experiment.inputs.overrides import overrides_of
-    from jumpvision.thesis.studies.plan import (
+    from jumpvision.sweeps.plan import (
         check_call,
         make_plan,
         message,
@@ -296,7 +323,7 @@ def plan(
     results, numbers = output.results, asdict(planned.numbers)
     files = write(planned, results)
     if output.pictures:
-        from jumpvision.thesis.figures.plan import plan_animation, plan_picture
+        from jumpvision.sweeps.plan_figure import plan_animation, plan_picture
 
         files += [results / "plan.png", results / "plan.html"]
         files[-2].write_bytes(plan_picture(planned))

@@ -16,8 +16,8 @@ from jumpvision.engine.detect import directions
 from jumpvision.engine.fitting import Problem
 from jumpvision.engine.noise.noise import Noise, Stretch, coefficients, estimate, spread_of
 from jumpvision.engine.order import Findings, Order
-from jumpvision.engine.study.particle import LAW, SENSOR, Body, quiet
 from jumpvision.engine.system import Candidate, Observation, Parameter
+from tests.worlds.particle import LAW, SENSOR, Body, quiet
 
 Array = NDArray[np.float64]
 

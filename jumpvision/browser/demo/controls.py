@@ -8,10 +8,10 @@ from typing import Any
 
 from jumpvision.experiment.inputs.sections import PHASES
 from jumpvision.jumper.physics.model import OF_BED
-from jumpvision.thesis.studies.setup import THESIS
+from jumpvision.jumper.robots import THESIS_ROBOT
 
 GROUNDS = ("hard", "granular")
-BED_TERMS: tuple[str, ...] = THESIS["granular"]["model"]["terms"]
+BED_TERMS: tuple[str, ...] = THESIS_ROBOT["granular"]["model"]["terms"]
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def presets(ground: str) -> dict[str, dict[str, float]]:
 
 def default_jump(ground: str) -> dict[str, Any]:
     """Give the stutter jump of the thesis' robot, SI units: `robot`, with its `bed` by the laws' symbols, and `law`."""
-    tables = THESIS[ground]
+    tables = THESIS_ROBOT[ground]
     robot = {"foot_mass": 0.0, **tables["robot"]}
     if ground == "granular":
         symbols = {symbol: {**robot, **tables["bed"]}[key] for symbol, key in OF_BED.items()}

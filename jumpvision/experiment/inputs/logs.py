@@ -265,15 +265,15 @@ def _table(path: Path, asked: Collection[str], columns: tuple[str, ...]) -> Held
     return Held(header, {n: Channel(n, rows[header.index(n)].to_numpy()) for n in asked if n in header})
 
 
-def _refuse_swallowed(path: Path, raw: pd.DataFrame, first: int = 0) -> None:
+def _refuse_swallowed(path: Path, raw: pd.DataFrame) -> None:
     """InputError where a quotation mark that is not closed runs on to the next, in another row: the rows between are
-    one cell. first: number of the table's first row, the header being 0."""
+    one cell."""
     if b'"' not in path.read_bytes():
         return
     for column in raw:
         for row in raw.index[raw[column].str.contains("[\r\n]", regex=True)][:1]:
             cell = raw[column][row]
-            where = f"row {row + first}" if row + first else "the header"
+            where = f"row {row}" if row else "the header"
             raise InputError(
                 [
                     f"{path}: {where}: a quotation mark opens the cell '{cell.splitlines()[0][:40]}' and closes it "
@@ -299,41 +299,3 @@ def _ended(path: Path) -> bool:
     with path.open("rb") as file:
         file.seek(max(file.seek(0, 2) - 1, 0))
         return file.read() in (b"\r", b"\n")
-
-
-# Tables that a person writes: columns carry their units, as `length [mm]`.
-Units = Mapping[str, float]  # factor to SI by unit
-LENGTH: Units = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
-
-
-def read_columns(path: Path, wanted: Mapping[str, Units]) -> tuple[dict[str, Array], pd.DataFrame]:
-    """The wanted columns in SI units, (n,) finite numbers each, and the whole table; lines after # are comments.
-
-    InputError that names the file, the column and what is allowed.
-    """
-    import numpy as np
-    import pandas as pd
-
-    try:
-        data = pd.read_csv(path, comment="#", skipinitialspace=True)
-    except (OSError, ValueError) as e:
-        raise InputError([f"{path}: {e}"]) from None
-    _refuse_swallowed(path, data.select_dtypes(exclude="number").astype(str), 1)
-    found: dict[str, Array] = {}
-    problems = []
-    for name, units in wanted.items():
-        column = next((c for c in data.columns if str(c).split("[")[0].strip() == name), None)
-        if column is None:
-            problems.append(f"{path}: column {name} is missing; write it with its unit: {name} [{next(iter(units))}]")
-            continue
-        unit = str(column).partition("[")[2].strip().rstrip("]").strip()
-        if unit not in units:
-            problems.append(f"{path}: column {name}: unit {unit!r} must be one of {', '.join(units)}, as {name} [UNIT]")
-            continue
-        values = pd.to_numeric(data[column], errors="coerce").to_numpy(dtype=float)
-        if bad := np.flatnonzero(~np.isfinite(values)).tolist():
-            problems.append(f"{path}: column {name}, row {bad[0] + 1}: must be a finite number")
-        found[name] = values * units[unit]
-    if problems:
-        raise InputError(problems)
-    return found, data

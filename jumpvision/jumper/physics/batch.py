@@ -15,8 +15,7 @@ from jumpvision.base.arrays import AnyArray, Array
 from jumpvision.base.schema import InputError
 from jumpvision.jumper.mechanisms.record import Body
 from jumpvision.jumper.mechanisms.registry import PARAMETERS
-from jumpvision.jumper.physics.hard.analysis import half_cycle_rows
-from jumpvision.jumper.physics.hard.jump import RESULTS, hard_sweep, sine_rows
+from jumpvision.jumper.physics.hard.jump import RESULTS, half_cycle_rows, hard_sweep, sine_rows
 from jumpvision.jumper.physics.sand.jump import pack
 from jumpvision.jumper.physics.sand.run import CANNOT_CARRY
 
@@ -43,7 +42,7 @@ def jump_batch(
 ) -> dict[str, AnyArray]:
     """The results of one jump for every law and set of values, in parallel.
 
-    laws: (..., r, 6), rows of a forcing.Segments for every jump (`hard.sine_rows`, `half_cycles.half_cycle_rows`), with
+    laws: (..., r, 6), rows of a forcing.Segments for every jump (`hard.sine_rows`, `half_cycle_rows`), with
     a seventh column of gains (`with_gain`) where `loop` gives LOOP of the motor's feedback loop, arrays over (...); a
     kp of 0 means a motor that is where the law says.
     varied: values in place of the model's, by the names of its robot (ROBOT), bed (BED) and parameters;
@@ -206,27 +205,6 @@ def looped(v: Mapping[str, Array]) -> dict[str, Array] | None:
 def hard_points(v: Mapping[str, Array]) -> dict[str, AnyArray]:
     """hard_sweep at the points."""
     return hard_sweep(law_rows(v), **{name: v[name] for name in VALUES_OF_ROBOT})
-
-
-def model_at(model: Model, v: Mapping[str, Array]) -> Model:
-    """The model with the values of one point (numbers), parameters among them as model.NAME for the model's own foot.
-
-    Another foot_radius changes the ground's forces by its area.
-    """
-    own = {n.removeprefix(OF_MODEL): float(x) for n, x in v.items() if n.startswith(OF_MODEL)}
-    parameters, foot = dataclasses.replace(model.parameters, **own), model.foot_radius
-    if foot and float(v["foot_radius"]) != foot:
-        area = (float(v["foot_radius"]) / foot) ** 2
-        grown = {n: getattr(parameters, n) * area for n in BY_AREA if getattr(parameters, n) is not None}
-        parameters = dataclasses.replace(parameters, **grown)
-    robot: dict[str, Any] = {of_model: float(v[name]) for name, of_model in OF_ROBOT.items()}
-    return dataclasses.replace(
-        model,
-        parameters=parameters,
-        **robot,
-        foot_radius=float(v["foot_radius"]) if foot else None,
-        volume_fraction=float(v["phi"]) if model.volume_fraction else None,
-    )
 
 
 def simulated_points(model: Model, v: Mapping[str, Array], *, rtol: float, atol: float) -> dict[str, Array]:

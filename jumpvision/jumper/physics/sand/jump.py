@@ -284,7 +284,8 @@ def pieces(forcing: Forcing | Loop, stop: float, end: float) -> tuple[int, Array
     """
     if isinstance(forcing, Loop):
         kind, rows, edges = pieces(forcing.command, stop, end)
-        return kind, np.column_stack([rows, forcing.gains(rows)]), edges
+        _, every, _ = pieces(forcing.command, stop, max(end, forcing.stop))  # a pause is one though the run ends in it
+        return kind, np.column_stack([rows, forcing.gains(every)[: len(rows)]]), edges
     if isinstance(forcing, Segments):
         kind, rows = granular.SINE, forcing.rows
         still = [forcing.stop, np.inf, float(forcing(forcing.stop)[0][0]), 0.0, 0.0, 0.0]

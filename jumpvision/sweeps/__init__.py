@@ -1,0 +1,1 @@
+"""Maps of jumps over any axes, measured heights beside simulated ones, plans; with their figures."""

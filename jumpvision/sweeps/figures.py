@@ -1,0 +1,313 @@
+"""The figure of a sweep, maps or lines over its axes, and of a comparison with measurements."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from jumpvision.base.record import RecordError
+from jumpvision.base.schema import InputError
+from jumpvision.experiment.results.fields import attributes_of
+from jumpvision.report.figures.pictures import png_of
+from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, SIGNED, NewFigure
+
+from .axes import AXES
+from .comparison import FILE as COMPARISON
+from .comparison import Comparison, Drawn
+from .sweep import FILE, origin_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# name: title, factor, unit on the figure
+SHOWN = {
+    "com_height_m": ("height of the centre of mass", 1e3, "mm"),
+    "n_jumps": ("number of jumps", 1.0, ""),
+    "peak_power_W": ("peak motor power", 1.0, "W"),
+    "peak_force_N": ("peak motor force", 1.0, "N"),
+    "flight_height_m": ("flight height", 1e3, "mm"),
+    "jump_height_m": ("jump height of the rod", 1e3, "mm"),
+    "lift_off_s": ("first lift-off", 1e3, "ms"),
+}
+COUNTED = 8  # from here numbers of jumps share a colour
+
+
+def read_sweep(file: Path) -> xr.Dataset:
+    """The data set of a sweep.nc or comparison.nc; InputError where it is something else."""
+    try:
+        with xr.open_dataset(file, engine="netcdf4") as data:
+            data = data.load()
+    except (OSError, ValueError) as e:
+        raise InputError([f"{file}: not a NetCDF file that can be read ({e})"]) from None
+    try:
+        origin_of(data)
+    except RecordError as e:
+        raise InputError([f"{file}: {e}; give the sweep.nc or comparison.nc of `jumpvision sweep`"]) from None
+    return data
+
+
+def picture(data: xr.Dataset) -> bytes:
+    """The figure as PNG."""
+    return png_of(sweep_figure, data)
+
+
+def sweep_figure(data: xr.Dataset, Figure: NewFigure) -> Figure:
+    """The figure of a data set: a comparison's, else of a map."""
+    return comparison(data, Figure) if origin_of(data).analysis == "comparison" else grid(data, Figure)
+
+
+def of_folder(source: Path) -> dict[str, Callable[[NewFigure], Figure]]:
+    """What draws the figure of a NetCDF file, or of every one in a folder of results, by name of the figure."""
+    files = [source] if source.is_file() else [f for n in (FILE, COMPARISON) for f in (source / n, *_kept(source, n))]
+    return {f.stem: partial(sweep_figure, read_sweep(f)) for f in files if f.exists()}
+
+
+def _kept(folder: Path, name: str) -> list[Path]:
+    """Those that another has taken the name of."""
+    return sorted(folder.glob(f"{Path(name).stem}-*.nc"))
+
+
+def grid(data: xr.Dataset, Figure: NewFigure) -> Figure:
+    """By the number of axes: bars of a single jump, lines, maps, or maps in rows of a third axis."""
+    # more points than an axis has pixels are not drawn
+    data = data.isel({d: slice(None, None, -(-data.sizes[d] // 600)) for d in data.com_height_m.dims[:2]})
+    dims = data.com_height_m.dims
+    if len(dims) == 2:
+        figure = Figure(figsize=(10.4, 6.4), layout="constrained")
+        for axis, name in zip(figure.subplots(2, 3).flat, list(SHOWN)[:6]):
+            one_map(figure, axis, data[name], data)
+            if name == "com_height_m":
+                regions(axis, data)
+    elif len(dims) == 1:
+        figure = lines(data, Figure, str(dims[0]))
+    elif len(dims) == 0:
+        figure = Figure(figsize=(6.4, 2.6), layout="constrained")
+        axis = figure.subplots()
+        names = ["com_height_m", "flight_height_m", "jump_height_m"]
+        axis.barh([SHOWN[n][0] for n in names], [float(data[n]) * 1e3 for n in names], color=MEASURED)
+        axis.set(title="one jump", xlabel="height [mm]")
+    else:
+        figure = panels(data, Figure)
+    figure.suptitle(_what(data, dims), fontsize=8, color=QUIET, x=0.01, ha="left")
+    return figure
+
+
+def _what(data: xr.Dataset, dims: Sequence[Hashable]) -> str:
+    """The robot and the values that all jumps share."""
+    origin = origin_of(data)
+    constants = origin.values
+    law = [n for n in ("frequency", "phase", "amplitude", "cycles", "delay") if n not in dims]
+    if "alpha" in data.coords and "amplitude" in law and "amplitude" not in data.coords:
+        law.remove("amplitude")
+    said = [(n, float(data[n]) if n in data.coords else constants[n]) for n in law]
+    said += [(str(n), float(v)) for n, v in data.coords.items() if not v.ndim and n not in law]
+    words = [AXES[n].text(v, 4) for n, v in said if v or n != "delay"]
+    dotted = "; dotted: natural frequency" if origin.ground == "hard" and origin.f0_Hz and "frequency" in dims else ""
+    return f"{origin.robot}: {', '.join(words)}{dotted if len(dims) > 1 else ''}"
+
+
+def label(name: str) -> str:
+    """An axis with its unit."""
+    a = AXES[name]
+    return f"{a.label} [{a.shown}]" if a.shown else a.label
+
+
+def one_map(figure: Figure, axis: Axes, values: xr.DataArray, data: xr.Dataset) -> None:
+    """One quantity over two axes, the first of them upwards; f_0 where frequency is one of them."""
+    import matplotlib as mpl
+
+    up, right = (str(d) for d in values.dims)
+    title, factor, unit = SHOWN[str(values.name)]
+    x, y = (data[n].values * AXES[n].factor for n in (right, up))
+    z = values.values * factor
+    more: dict[str, Any] = {}
+    if values.name == "n_jumps":
+        z = np.where(z < 0, np.nan, np.minimum(z, COUNTED))
+        top = int(max(np.nanmax(z), 2)) if np.isfinite(z).any() else 2
+        more = {"norm": mpl.colors.BoundaryNorm(np.arange(-0.5, top + 1), 256)}
+    elif np.isfinite(z).any():
+        # a few singular points (impulses, long flights of fast jumps) must not hide the rest
+        more = {"vmin": min(0.0, float(np.nanmin(z))), "vmax": float(np.nanpercentile(z, 99.5))}
+    seen = axis.pcolormesh(x, y, z, shading="nearest", rasterized=True, **more)
+    bar = figure.colorbar(seen, ax=axis, extend="max" if "vmax" in more and np.nanmax(z) > more["vmax"] else "neither")
+    bar.ax.set_ylabel(unit)
+    if values.name == "n_jumps":
+        ticks = np.arange(0, top + 1)
+        bar.set_ticks(list(ticks), labels=[f"{t:d}" if t < COUNTED else f"≥ {t:d}" for t in ticks])
+    origin = origin_of(data)
+    if "frequency" in values.dims and origin.f0_Hz is not None and origin.ground == "hard":
+        (axis.axhline if up == "frequency" else axis.axvline)(origin.f0_Hz, color="white", lw=0.8, ls=":")
+    axis.set(title=title, xlabel=label(right), ylabel=label(up))
+    axis.grid(False)
+
+
+def regions(axis: Axes, data: xr.Dataset) -> None:
+    """Outlines and names of the regions of single, stutter and multi-jumps."""
+    up, right = (str(d) for d in data.jump_class.dims)
+    x, y = (data[n].values * AXES[n].factor for n in (right, up))
+    kind = data.jump_class.values
+    for edge in (0.5, 1.5, 2.5):
+        if (kind < edge).any() and (kind > edge).any():
+            axis.contour(x, y, kind, levels=[edge], colors="white", linewidths=0.6)
+    for i, name in ((1, "S"), (2, "stutter"), (3, "MJ")):
+        here = np.argwhere(kind == i)
+        if len(here) > 0.02 * kind.size:
+            place = here[np.argmin(np.abs(here - np.median(here, axis=0)).sum(axis=1))]
+            axis.text(x[place[1]], y[place[0]], name, color="white", fontsize=7, ha="center", va="bottom")
+
+
+def lines(data: xr.Dataset, Figure: NewFigure, dim: str) -> Figure:
+    """Heights, numbers, power and force along one axis."""
+    figure = Figure(figsize=(9.2, 5.4), layout="constrained")
+    axes = figure.subplots(2, 2, sharex=True)
+    x = data[dim].values * AXES[dim].factor
+    heights = (("com_height_m", MEASURED, "-"), ("flight_height_m", MODEL, "--"), ("jump_height_m", GREEN, ":"))
+    for name, color, style in heights:
+        axes[0, 0].plot(x, data[name] * 1e3, style, color=color, label=SHOWN[name][0])
+    axes[0, 0].set(title="heights", ylabel="height [mm]", xlabel=label(dim))
+    axes[0, 0].legend(fontsize=7, frameon=True, framealpha=0.8, edgecolor="none")
+    axes[0, 1].step(x, np.where(data.n_jumps < 0, np.nan, data.n_jumps), where="mid", color=MEASURED)
+    axes[0, 1].set(title="number of jumps", ylabel="jumps", xlabel=label(dim))
+    axes[0, 1].yaxis.get_major_locator().set_params(integer=True, min_n_ticks=1)
+    axes[1, 0].plot(x, data.peak_power_W, color=ACCENT)
+    axes[1, 0].set(title="peak motor power", ylabel="power [W]", xlabel=label(dim))
+    axes[1, 1].plot(x, data.peak_force_N, color=ACCENT)
+    axes[1, 1].set(title="peak motor force", ylabel="force [N]", xlabel=label(dim))
+    return figure
+
+
+def panels(data: xr.Dataset, Figure: NewFigure) -> Figure:
+    """Maps of the height over the first two axes at six values of the third; further axes at their middle."""
+    height = data.com_height_m
+    rest = {d: data.sizes[d] // 2 for d in height.dims[3:]}
+    height = height.isel(rest)
+    third = str(height.dims[2])
+    at = np.unique(np.linspace(0, data.sizes[third] - 1, 6).round().astype(int))
+    figure = Figure(figsize=(10.4, 6.4), layout="constrained")
+    axes = figure.subplots(2, 3, sharex=True, sharey=True).flat
+    for axis, i in zip(axes, at):
+        one_map(figure, axis, height.isel({third: i}), data)
+        axis.set_title(f"height at {AXES[third].text(float(data[third][i]), 4)}")
+    for axis in list(axes)[: 6 - len(at)]:
+        axis.set_visible(False)
+    return figure
+
+
+SIGNIFICANT = 4.0  # |z| of the darkest colour, at least
+ENOUGH = 3  # conditions of a series from which it is drawn as one
+COLOURS = (MEASURED, MODEL, GREEN, ACCENT, "black")
+MARKS, LINES = "os^Dv", ("-", "--")
+
+
+def comparison(data: xr.Dataset, Figure: NewFigure) -> Figure:
+    """Heights and residuals along an axis with the models' curves; four maps where frequency and phase scatter."""
+    varies = [n for n in ("frequency", "phase") if np.unique(data[n]).size > 1]
+    most = np.bincount(data.condition_series.values).max()
+    if len(varies) == 2 and most < ENOUGH and "simulated_map_m" in data:
+        return maps(data, Figure)
+    return along(data, Figure)
+
+
+def heading(data: xr.Dataset) -> str:
+    """What the numbers say as a whole."""
+    whole = attributes_of(Comparison, data)
+    p = f"p = {whole.p_value:.2g}" if whole.p_value > 1e-4 else "p < 0.0001"
+    out = int(data.stands_out.sum())
+    return (
+        f"{whole.campaign}: χ² = {whole.chi2:.4g} of {whole.conditions} conditions, {p}; "
+        f"{out or 'no'} condition{'s stand' if out != 1 else ' stands'} out"
+    )
+
+
+def maps(data: xr.Dataset, Figure: NewFigure) -> Figure:
+    """Coloured points, a ring around those that stand out; behind the simulated ones the model's map."""
+    figure = Figure(figsize=(9.4, 6.6), layout="constrained")
+    axes = figure.subplots(2, 2, sharex=True, sharey=True)
+    x, y = data.phase / np.pi, data.frequency
+    height = np.concatenate([data.measured_height_m, data.simulated_height_m]) * 1e3
+    low, high = min(0.0, float(height.min())), float(height.max())
+    off = float(np.abs(data.difference_m).max()) * 1e3
+    z = max(SIGNIFICANT, float(np.abs(data.z).max()))
+    panels = (
+        ("measured jump height", data.measured_height_m * 1e3, low, high, None, "mm"),
+        ("simulated", data.simulated_height_m * 1e3, low, high, None, "mm"),
+        ("measured − simulated", data.difference_m * 1e3, -off, off, SIGNED, "mm"),
+        ("z = difference / its uncertainty", data.z, -z, z, SIGNED, ""),
+    )
+    for axis, (title, values, lo, hi, colours, unit) in zip(axes.flat, panels):
+        if title == "simulated" and "simulated_map_m" in data:
+            axis.pcolormesh(
+                data.map_phase / np.pi,
+                data.map_frequency,
+                data.simulated_map_m * 1e3,
+                vmin=lo,
+                vmax=hi,
+                shading="nearest",
+                rasterized=True,
+            )
+        seen = axis.scatter(
+            x,
+            y,
+            c=values,
+            vmin=lo,
+            vmax=hi,
+            cmap=colours,
+            s=70,
+            linewidths=0.8,
+            edgecolors="white" if colours is None else QUIET,
+        )
+        figure.colorbar(seen, ax=axis, label=unit)
+        axis.set(title=title, facecolor="#eeeeee" if colours is None else "white")
+        if colours is not None:
+            odd = data.stands_out.values == 1
+            axis.scatter(x[odd], y[odd], s=150, facecolors="none", edgecolors="black", linewidths=1.2)
+    for axis in axes[1]:
+        axis.set_xlabel("phase [π] (ring: stands out)")
+    for axis in axes[:, 0]:
+        axis.set_ylabel("frequency [Hz]")
+    figure.suptitle(heading(data), fontsize=9, x=0.01, ha="left")
+    return figure
+
+
+def along(data: xr.Dataset, Figure: NewFigure) -> Figure:
+    """Measured heights with 2 sigma and the band of their trials, beside each model's curve; below their residuals."""
+    over = attributes_of(Drawn, data).over
+    axis_of, models = AXES[over], data.model_name.values.tolist()
+    figure = Figure(figsize=(8.6, 6.2), layout="constrained")
+    top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    for k, name in enumerate(data.series_name.values):
+        one = data.isel(condition=data.condition_series.values == k).sortby(over)
+        color, mark = COLOURS[k % len(COLOURS)], MARKS[k % len(MARKS)]
+        x, height, sigma = one[over] * axis_of.factor, 1e3 * one.measured_height_m, 2e3 * one.measured_sigma_m
+        spread = 1e3 * one.trial_spread_m
+        top.fill_between(x, height - spread, height + spread, color=color, alpha=0.18, lw=0)
+        top.errorbar(x, height, sigma, fmt=mark, ms=4, color=color, capsize=2, label=str(name))
+        for m, style in zip(range(len(models)), LINES):
+            top.plot(data.curve_at[k] * axis_of.factor, 1e3 * data.curve_m[k, m], color=color, ls=style, lw=1.1)
+            simulated = 1e3 * one.model_height_m[m]
+            top.plot(x, simulated, mark, ms=7 - 2 * m, mfc="none", mew=0.8, color=color)
+            off, whole = height - simulated, np.hypot(sigma, 2e3 * one.model_sigma_m if m == 0 else 0.0)
+            bottom.errorbar(
+                x, off, whole, fmt=mark, ms=4, mfc=color if m == 0 else "none", color=color, capsize=2, lw=0.8
+            )
+    odd = data.stands_out.values == 1
+    bottom.plot(
+        data[over][odd] * axis_of.factor, 1e3 * data.difference_m[odd], "o", ms=10, mfc="none", mec="black", mew=1.0
+    )
+    for style, name in zip(LINES, models):
+        top.plot([], [], color="black", ls=style, lw=1.1, label=str(name))
+    top.plot([], [], "o", ms=7, mfc="none", mew=0.8, color="black", label="simulated, each jump's own motor")
+    if odd.any():
+        top.plot([], [], "o", ms=10, mfc="none", mec="black", mew=1.0, label="stands out")
+    bottom.axhline(0.0, color=QUIET, lw=0.8)
+    top.set(title=heading(data), ylabel="jump height [mm]")
+    unit = f" [{axis_of.shown}]" if axis_of.shown else ""
+    bottom.set(ylabel="measured − simulated [mm]", xlabel=f"{axis_of.label}{unit}")
+    figure.legend(loc="outside lower center", ncols=3, fontsize=7)
+    return figure

@@ -1,1 +1,0 @@
-"""The analyses of jumps on sand: chapter III of the thesis."""
