@@ -24,7 +24,7 @@ from jumpvision.engine.document.sentence import Words
 from jumpvision.engine.document.sentence import sentence as of_any_system
 from jumpvision.experiment.results.summary import JumpRow, Summary, Uncertain
 from jumpvision.jumper.question.words import confirmed, sentence
-from jumpvision.report.pages.charts import gain_panel
+from jumpvision.report.figures.diagnosis import gain_words
 from jumpvision.report.pages.study import facts
 from jumpvision.report.pages.verdict import causes_shown, detectable_shown
 from jumpvision.report.pages.words import campaign_words, noise_words
@@ -95,7 +95,7 @@ def sentences(d, capsys) -> list[str]:
     rows = [*causes_shown(d), *detectable_shown(d)]
     text, shown = campaign_words([], d, None, 0)
     pages = [text, noise_words(d.noise), *(x for row in (*shown, *facts(d)) for x in row)]
-    pages += [gain_panel(d.gain)["title"]] if d.gain else []
+    pages += [gain_words(d.gain)] if d.gain else []
     return [d.sentence, d.confirmed or "", of_any_system(d, WORDS), d.could_hide, repr(d), d.explain("added_mass"),
             printed.out, printed.err, *pages, *(x for r in rows for x in r.values())]  # fmt: skip
 

@@ -7,7 +7,9 @@ import pytest
 
 from jumpvision.cli import main
 from jumpvision.estimate.robot import direction, spring_stiffness
-from jumpvision.report.pages.apparatus_charts import apparatus_charts
+from jumpvision.experiment.results.values import Fits, SpringTest
+from jumpvision.report.figures.logs import stretched
+from jumpvision.report.style import styled
 
 LOOP = np.r_[np.linspace(0, 2e-2, 40), np.linspace(2e-2, 0, 40)]
 SIDE = np.r_[np.ones(40), -np.ones(40)]
@@ -126,14 +128,14 @@ def test_the_fit_command_gives_stiffness_hysteresis_figure_and_warnings(folder, 
     assert summary["spring_stiffness_N_m_sigma"] == fits["spring_stiffness"]["sigma"] < 10
     assert main(["figures", str(results), "--only", "spring", "--format", "png"]) == 0
     assert (results / "figures" / "spring.png").stat().st_size > 5000
-    whole, rest = apparatus_charts(results, None)[0]["panels"]
-    for name in ("growing displacement", "falling displacement"):
-        (points,) = (s for s in whole["series"] if s["name"] == name)
-        (over,) = (s for s in rest["series"] if s["name"] == name)
-        (fitted,) = (s for s in whole["series"] if s["name"] == f"its line, {name.split()[0]}")
-        assert points["x"] == over["x"] == fitted["x"] and len(points["x"]) > 20
-        left = np.array(points["y"]) - np.array(fitted["y"]) - np.array(over["y"])
-        assert np.abs(left).max() < 0.01  # five figures of some 30 N each
+    with styled() as Figure:
+        whole, rest = stretched(Fits.load(results), SpringTest.load(results), Figure).axes
+    points, over = ([x for x in a.lines if x.get_marker() == "." and len(x.get_xdata()) > 20] for a in (whole, rest))
+    fitted = [x for x in whole.lines if x.get_marker() == "None"]
+    assert [x.get_label() for x in points] == ["growing displacement", "falling displacement"]
+    for measured, left, line in zip(points, over, fitted, strict=True):
+        at = np.interp(measured.get_xdata(), *line.get_data())
+        assert measured.get_ydata() - at == pytest.approx(left.get_ydata(), abs=0.01)  # N, of some 30
     assert "hysteresis" in err and "[robot] spring_stiffness = 3200" in err and "straight" not in err
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -158,9 +156,7 @@ def test_a_campaigns_run_draws_what_is_seen_first_and_report_the_rest_which_stay
     campaign, results = write_campaign(tmp_path / "campaign", 2), tmp_path / "results"
     grain_film(campaign / "film", 6)
     asked = [str(campaign), "--results", str(results), "--workers", "1"]
-    code = "import sys; from jumpvision.cli import main; main(sys.argv[1:]); print('matplotlib' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code, "run", *asked], capture_output=True, text=True, check=True)
-    assert done.stdout.split()[-1] == "False"  # what takes longest to load, too
+    assert main(["run", *asked]) == 0
     assert not [f for f in results.rglob("*") if f.suffix in (".png", ".webm")]
     command = f"jumpvision report {campaign} --results {results}"
     for page in (page_of(results), page_of(results / "film")):  # how to have them

@@ -26,7 +26,7 @@ from jumpvision.report.figures.bed import air, air_of, critical
 from jumpvision.report.figures.diagnosis import gains, heights
 from jumpvision.report.figures.logs import actuator, moved, resistances, single, steps, stretched
 from jumpvision.report.figures.pictures import Tracked, ring_down, tracks
-from jumpvision.report.pages.charts import fits_of
+from jumpvision.report.pages.drawings import fits_of
 from jumpvision.report.style import FORMATS, NewFigure, lettered, printed, save
 
 if TYPE_CHECKING:
@@ -168,7 +168,7 @@ def of_film(name: str, folder: Path, end: str) -> Iterator[Offered]:
 
 
 def of_apparatus(folder: Path, recordings: Experiment | None) -> Iterator[Offered]:
-    """Figures of what one experiment was made with; its page draws the same by itself."""
+    """Figures of what one experiment was made with; its page shows the same."""
     fits = fits_of(folder)
     log, law = (recordings.section(MotorLog), recordings.section(Actuation)) if recordings else (None, None)
     if log and law and fits.determined("actuator_ratio"):

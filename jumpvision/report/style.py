@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.typing import RcKeyType
+    from numpy.typing import ArrayLike
 
 NewFigure = Callable[..., "Figure"]  # a figure of a size, as `Figure(figsize=(width, height))` in inches
 
@@ -20,23 +22,21 @@ MAP, SIGNED = "viridis", "RdBu_r"
 
 
 class Kind(NamedTuple):
-    """How a kind of jump looks in every figure: colour and mark of matplotlib, role and mark on a page."""
+    """How a kind of jump looks in every figure: colour and mark of matplotlib."""
 
     color: str
     mark: str
-    role: str
-    shape: str
 
 
 KINDS = {
-    "single": Kind(MEASURED, "o", "measured", "circle"),
-    "stutter": Kind(MODEL, "s", "model", "square"),
-    "delayed_stutter": Kind(GREEN, "^", "green", "triangle"),
-    "sine": Kind("#E69F00", "v", "amber", "triangle"),
-    "custom": Kind("#56B4E9", "P", "sky", "square"),
+    "single": Kind(MEASURED, "o"),
+    "stutter": Kind(MODEL, "s"),
+    "delayed_stutter": Kind(GREEN, "^"),
+    "sine": Kind("#E69F00", "v"),
+    "custom": Kind("#56B4E9", "P"),
 }
 FOOT = {"half": "half foot, as filmed", "full": "whole foot"}  # what an added mass or a momentum is of
-OTHER = Kind(ACCENT, "D", "accent", "circle")
+OTHER = Kind(ACCENT, "D")
 
 
 def kind_of(name: object) -> Kind:
@@ -48,6 +48,17 @@ def spoken(name: str) -> str:
     """A name of a file as a person writes it: kinds of jump, parts of one, mechanisms."""
     written = {"pre_load": "preload", "push_off": "push-off", "re_intrusion": "re-intrusion"}
     return written.get(name, name.replace("_", " "))
+
+
+def label_points(axis: Axes, x: ArrayLike, y: ArrayLike, titles: Sequence[str], area: float = 90.0) -> None:
+    """Give each point (n,) a title "NAME: values", which a page shows on it with a link to the page of experiment NAME.
+
+    area: of what is pointed at [pt^2]. In print nothing is drawn.
+    """
+    if titles:
+        points = axis.scatter(x, y, s=area, zorder=9, clip_on=False, visible=False)
+        points.set_urls(titles)
+        points.set_in_layout(False)
 
 
 @contextmanager

@@ -20,7 +20,6 @@ from jumpvision.base.local_page import ALONE, LocalHandler, LocalServer, Refused
 from jumpvision.base.record import plain
 from jumpvision.base.schema import InputError
 from jumpvision.films.frames import FrameError
-from jumpvision.report import pages
 
 from .bench import Benches
 from .draft import draft_of
@@ -209,10 +208,7 @@ class Server(LocalServer):
     """Serves the benches of a path, with a user's own study. Raises InputError where nothing is there to open."""
 
     def __init__(self, path: Path, port: int, study: str = ""):
-        of_pages = static_files(pages.__name__, "page.css")  # uPlot is there, once
-        self.files = static_files(__package__, "index.html") | {
-            at: f for at, f in of_pages.items() if at.startswith("/uplot/")
-        }
+        self.files = static_files(__package__, "index.html")
         self.benches = Benches(path, study)
         super().__init__(port, Handler, "open", secret=True)
 

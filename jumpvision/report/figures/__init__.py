@@ -17,7 +17,7 @@ DRAWN = "pictures", "grains", "flows", "bed", "logs", "overlays"
 PICTURES = tuple(f"jumpvision.report.figures.{module}" for module in DRAWN)  # whose import registers figures as stages
 
 # What an experiment's page shows as a picture or a film: what has a frame of a film in it, and maps. All else is drawn
-# by the page itself, and for print by `jumpvision figures`.
+# when the page is written, and for print by `jumpvision figures`.
 ON_PAGES = (
     *("track.png", "bed.png", "crater.png", "piv.png", "flow.png"),
     *("validation.png", "statistics.png", "profiles.png"),

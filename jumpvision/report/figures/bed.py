@@ -16,7 +16,7 @@ from jumpvision.experiment.stages.bed.crater import read_map
 from jumpvision.experiment.stages.recordings import open_pictures
 from jumpvision.experiment.workflow.stage import stage
 from jumpvision.jumper.physics.air import Drop
-from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, SIGNED, NewFigure, styled
+from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, SIGNED, NewFigure, label_points, styled
 
 from .pictures import Picture, png, show_frame
 
@@ -166,6 +166,7 @@ def critical(craters: Sequence[Crater], found: ZeroCrossing, Figure: NewFigure) 
     axis = figure.subplots()
     axis.axhline(0.0, color=QUIET, lw=0.8)
     axis.errorbar(phi, v * 1e6, dv * 1e6, dphi, fmt="o", ms=4, lw=0.8, color=MEASURED, label="craters, ±σ")
+    label_points(axis, phi, v * 1e6, [f"{c.experiment}: {measured(c.volume_m3, c.sigma_m3, 1e6)} cm³" for c in known])
     title = f"no critical packing: {found.reason}"
     if not found.reason:
         ends = np.array([phi.min(), phi.max()])

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.base.arrays import Z95
+from jumpvision.base.arrays import Z95, Array, measured, plain_number
+from jumpvision.base.numbers import between, times
 from jumpvision.engine.detect import LEVEL
 from jumpvision.engine.document.diagnosis import Diagnosis, chance
 from jumpvision.engine.document.document import titles
-from jumpvision.engine.document.values import Cell, Discovered, Varies
+from jumpvision.engine.document.values import Cell, Discovered, Gain, Trace, Varies
 from jumpvision.engine.laws.expression import parse
 from jumpvision.engine.order import Findings
 from jumpvision.estimate.local import local_polynomial
@@ -30,6 +31,7 @@ from jumpvision.report.style import (
     SIGNED,
     NewFigure,
     kind_of,
+    label_points,
     lettered,
     spoken,
     styled,
@@ -97,13 +99,9 @@ def study_picture(data: Diagnosis) -> bytes:
             for y in ("simulated", "extended")
         )
         worst = data.traces[int(np.argmax([e / max(np.ptp(x.measured), 1e-300) for x, e in zip(data.traces, before)]))]
-        unit = f" [{worst.unit or '1'}]"
-        for y, color, name in ((worst.simulated, MODEL, "baseline"), (worst.extended, GREEN, "extended")):
-            axes[0].plot(worst.t, y, color=color, label=name)
-            axes[1].plot(worst.t, worst.measured - y, color=color, label=name, lw=0.8)
-        axes[0].plot(worst.t, worst.measured, ".", ms=2, color=MEASURED, label="measured")
-        axes[0].set(title=f"{worst.recording}", xlabel="time [s]", ylabel=worst.channel + unit)
-        axes[1].set(title="what is left there", xlabel="time [s]", ylabel="measured − simulated" + unit)
+        _traces(axes[0], axes[1], worst, {"baseline": worst.simulated, "extended": worst.extended})
+        axes[0].set(title=f"{worst.recording}", xlabel="time [s]")
+        axes[1].set(title="what is left there", xlabel="time [s]")
         _study_where(axes[2], data)
         _study_bars(axes[3], [(" + ".join(c.mechanisms), c.probability) for c in data.models[:BARS]], "probability")
         several = len({x.channel for x in data.traces}) > 1
@@ -125,6 +123,29 @@ def study_picture(data: Diagnosis) -> bytes:
         for ax in axes[:2]:
             ax.legend()
         return png(lettered(figure))
+
+
+def recording(traces: Sequence[Trace], extended: bool, Figure: NewFigure) -> Figure:
+    """Each channel of a recording, measured, simulated and, where asked for, extended; below it what a model leaves."""
+    figure = Figure(figsize=(8.6, 4.4 * len(traces)), layout="constrained")
+    axes = figure.subplots(2 * len(traces), 1, sharex=True, height_ratios=(3, 2) * len(traces))
+    for top, low, x in zip(axes[::2], axes[1::2], traces):
+        _traces(top, low, x, {"simulated": x.simulated} | ({"extended": x.extended} if extended else {}))
+        low.axhline(0.0, color=QUIET, lw=0.6)
+        top.legend()
+    axes[-1].set_xlabel("time [s]")
+    return figure
+
+
+def _traces(top: Axes, low: Axes, x: Trace, models: Mapping[str, Array]) -> None:
+    """A channel beside its models on one of the axes, what each of them leaves on the other."""
+    unit = f" [{x.unit or '1'}]"
+    for (name, y), color in zip(models.items(), (MODEL, GREEN)):
+        top.plot(x.t, y, color=color, label=name)
+        low.plot(x.t, x.measured - y, color=color, label=name, lw=0.8)
+    top.plot(x.t, x.measured, ".", ms=2, color=MEASURED, label="measured")
+    top.set_ylabel(x.channel + unit)
+    low.set_ylabel("measured − simulated" + unit)
 
 
 def _varying(axes: NDArray[np.object_], varies: Sequence[Varies]) -> None:
@@ -152,15 +173,17 @@ def _heights(ax: Axes, data: Diagnosis) -> None:
     rows = [h for h in data.heights if np.isfinite(h.measured_m)]
     top = 0.0
     for kind in sorted({h.kind for h in rows}):
-        color, mark, *_ = kind_of(kind)
+        color, mark = kind_of(kind)
         mine = [h for h in rows if h.kind == kind]
-        measured = [1e3 * h.measured_m for h in mine]
+        jumped = [1e3 * h.measured_m for h in mine]
         before = [1e3 * h.simulated_m for h in mine]
-        ax.plot(before, measured, mark, ms=6, mfc="none", color=color, label=kind.replace("_", " "))
+        ax.plot(before, jumped, mark, ms=6, mfc="none", color=color, label=kind.replace("_", " "))
         after = [1e3 * h.extended_m for h in mine]
         if np.isfinite(after).any():
-            ax.plot(after, measured, mark, ms=4.5, color=color)
-        top = max(top, *measured, *before)
+            ax.plot(after, jumped, mark, ms=4.5, color=color)
+        said = zip(mine, before, jumped)
+        label_points(ax, before, jumped, [f"{h.experiment}: {y:.4g} mm, simulated {x:.4g} mm" for h, x, y in said])
+        top = max(top, *jumped, *before)
     ax.plot([0, top], [0, top], color=QUIET, lw=0.8, ls="--", label="equal")
     ax.plot([], [], "o", ms=6, mfc="none", color="black", label="simulated")
     if any(np.isfinite(h.extended_m) for h in rows):
@@ -206,6 +229,10 @@ def _where(figure: Figure, ax: Axes, data: Diagnosis) -> None:
     for c in stand_out:
         if c.phase_of_jump in parts:
             ax.plot(parts.index(c.phase_of_jump), kinds.index(c.kind), ".", color="black", ms=5)
+    known = [c for c in cells if c.phase_of_jump in parts]
+    said = [f"{spoken(c.kind)}, {spoken(c.phase_of_jump)}: {1e3 * c.mean_residual_m:.3g} mm" for c in known]
+    x, y = [parts.index(c.phase_of_jump) for c in known], [kinds.index(c.kind) for c in known]
+    label_points(ax, x, y, said, area=900.0)
     figure.colorbar(image, ax=ax, shrink=0.8)
 
 
@@ -259,10 +286,14 @@ def _gain(ax: Axes, data: Diagnosis) -> None:
         ax.bar(i + 0.18, 1e3 * after, 0.34, color=GREEN, label="extended" if i == 0 else None)
     ax.set_xticks([0, 1], [p[0] for p in pairs])
     ax.set_yscale("log")
-    low, high = g.ratio_ci95
-    ax.set(title=f"held out: {g.ratio:.1f}× better\n({low:.1f} to {high:.1f})", ylabel="error, rms [mm]")
+    ax.set(title=gain_words(g), ylabel="error, rms [mm]")
     ax.margins(y=0.25)
     ax.legend(loc="upper center", ncols=2)
+
+
+def gain_words(g: Gain) -> str:
+    """How much better the tracks of jumps held out are, over its interval."""
+    return f"held out: {times(g.ratio, mark='×')} better\n{between(*g.ratio_ci95).strip()}"
 
 
 def _energy(ax: Axes, data: Diagnosis) -> None:
@@ -324,31 +355,58 @@ def _films(ax: Axes, data: Diagnosis) -> None:
     under(ax)
 
 
+ALONG = (  # what heights are drawn along: key, its axis, factor
+    ("frequency_hz", "frequency [Hz]", 1.0),
+    ("delay_s", "delay [ms]", 1e3),
+    ("volume_fraction", "volume fraction", 1.0),
+)
+
+
+def placed(rows: Sequence[Mapping[str, Any]]) -> tuple[list[Mapping[str, Any]], tuple[str, str, float]]:
+    """The rows of jumps.csv with a height that heights() draws, and along what: that of which there are most values."""
+    jumped = [r for r in rows if r.get("jump_height_m") is not None]
+    along = max(ALONG, key=lambda a: len({round(r[a[0]], 2) for r in jumped if r.get(a[0]) is not None}))
+    return [r for r in jumped if r.get(along[0]) is not None], along
+
+
 def heights(rows: Sequence[Mapping[str, Any]], Figure: NewFigure) -> Figure:
-    """Jump height against frequency by kind, measured (filled, ±2σ) and simulated (open)."""
-    known = [r for r in rows if r.get("jump_height_m") is not None and r.get("frequency_hz") is not None]
-    figure = Figure(figsize=(8.6, 3.8), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=(1.7, 1))
+    """Jump height along what varies most by kind, measured (filled, ±2σ) and, where it is known, simulated (open)."""
+    known, (key, axis, factor) = placed(rows)
+    modelled = any(r.get("simulated_height_m") is not None for r in known)
+    figure = Figure(figsize=(10.4, 3.8) if modelled else (7.0, 3.8), layout="constrained")
+    left, *right = figure.subplots(1, 2, width_ratios=(1.7, 1)) if modelled else [figure.subplots()]
     for kind in sorted({str(r["kind"]) for r in known}):
-        color, mark, *_ = kind_of(kind)
+        color, mark = kind_of(kind)
         mine = [r for r in known if str(r["kind"]) == kind]
-        f = [r["frequency_hz"] for r in mine]
-        h = [r["jump_height_m"] * 1e3 for r in mine]
-        s = [2e3 * (r.get("sigma_m") or 0.0) for r in mine]
-        left.errorbar(f, h, s, fmt=mark, ms=5, color=color, label=kind.replace("_", " "))
-        modelled = [r for r in mine if r.get("simulated_height_m") is not None]
-        if modelled:
-            model = [r["simulated_height_m"] * 1e3 for r in modelled]
-            left.plot([r["frequency_hz"] for r in modelled], model, mark, ms=6, mfc="none", color=color, alpha=0.8)
-            bars = [2e3 * (r.get("sigma_m") or 0.0) for r in modelled]
-            right.errorbar(model, [r["jump_height_m"] * 1e3 for r in modelled], bars, fmt=mark, ms=5, color=color)
-    left.set(title="jump height (filled: measured, ±2σ; open: model)", xlabel="frequency [Hz]", ylabel="height [mm]")
+        x = np.array([r[key] for r in mine]) * factor
+        h, s, model = (1e3 * np.array([r.get(k) for r in mine], float) for k in COLUMNS)
+        s = 2.0 * np.nan_to_num(s)
+        titles = [height_words(r) for r in mine]
+        left.errorbar(x, h, s, fmt=mark, ms=5, color=color, label=kind.replace("_", " "))
+        label_points(left, x, h, titles)
+        if np.isfinite(model).any():
+            left.plot(x, model, mark, ms=6, mfc="none", color=color, alpha=0.8)
+            right[0].errorbar(model, h, s, fmt=mark, ms=5, color=color)
+            label_points(right[0], model, h, titles)
+    said = "filled: measured, ±2σ; open: model" if modelled else "±2σ"
+    left.set(title=f"jump height ({said})", xlabel=axis, ylabel="height [mm]")
     left.legend()
-    top = max(left.get_ylim()[1], right.get_xlim()[1])
-    right.plot([0, top], [0, top], color=QUIET, lw=0.8, ls="--", label="equal")
-    right.legend()
-    right.set(title="measured against model", xlabel="model [mm]", ylabel="measured [mm]")
+    if right:
+        top = max(left.get_ylim()[1], right[0].get_xlim()[1])
+        right[0].plot([0, top], [0, top], color=QUIET, lw=0.8, ls="--", label="equal")
+        right[0].legend()
+        right[0].set(title="measured against model", xlabel="model [mm]", ylabel="measured [mm]")
     return figure
+
+
+COLUMNS = ("jump_height_m", "sigma_m", "simulated_height_m")
+
+
+def height_words(row: Mapping[str, Any]) -> str:
+    """What a page says of a row of jumps.csv where one points at it."""
+    h, s, model = (row.get(k) for k in COLUMNS)
+    text = f"{row['experiment']}: {measured(h, s, 1e3)} mm"
+    return text + (f", simulated {plain_number(model, 1e3)} mm" if model is not None else "")
 
 
 def discovered_law(law: Discovered, Figure: NewFigure) -> Figure:
@@ -372,7 +430,7 @@ def discovered_law(law: Discovered, Figure: NewFigure) -> Figure:
     elif len(axes) == 2:
         x, y = np.meshgrid(*axes, indexing="ij")
         values = np.broadcast_to(form(np, **rest | constants | dict(zip(names, (x, y)))), x.shape)
-        drawn = ax.pcolormesh(x, y, values, cmap=MAP, shading="gouraud")
+        drawn = ax.pcolormesh(x, y, values, cmap=MAP, shading="gouraud", rasterized=True)
         figure.colorbar(drawn, ax=ax, label=label)
         ax.set_ylabel(f"{names[1]} [{STATE[names[1]][0]}]")
     else:

@@ -17,7 +17,7 @@ from jumpvision.experiment.inputs.sections import Actuation, MotorLog, NotApplic
 from jumpvision.experiment.results.values import ConeValues, Fits, Intrusion, IntrusionEvent, SpringTest
 from jumpvision.experiment.stages.rod import commanded, motor_in
 from jumpvision.experiment.workflow.stage import stage
-from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, NewFigure, styled
+from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, NewFigure, label_points, styled
 
 from .pictures import Picture, png
 
@@ -127,6 +127,8 @@ def points(
         value, sigma = np.array([r.fits[name] for r in rows]).T * factor
         phi = [r.volume_fraction for r in rows]
         axis.errorbar(phi, value, sigma, fmt=mark, ms=4, lw=0.8, color=color, label=label)
+        said = [measured(v, s) for v, s in zip(value, sigma)]
+        label_points(axis, phi, value, [f"{r.experiment}: {x} at φ = {f:.4f}" for r, x, f in zip(rows, said, phi)])
 
 
 def draw_feet(axis: Axes, rows: Sequence[SlowIntrusion]) -> None:
@@ -298,6 +300,9 @@ def actuator(rows: Sequence[Driven], found: Bandwidth, Figure: NewFigure) -> Fig
     for axis, name, factor in ((left, "actuator_ratio", 1.0), (right, "actuator_lag_s", 1e3)):
         value, sigma = np.array([r.fits[name] for r in rows]).T * factor
         axis.errorbar(f, value, 2 * sigma, fmt="o", ms=4, lw=0.8, color=MEASURED, label="measured, ±2σ")
+        unit = " ms" if axis is right else ""
+        said = [f"{r.experiment}: {measured(r.fits[name].value, r.fits[name].sigma, factor)}{unit}" for r in rows]
+        label_points(axis, f, value, said)
         axis.legend(loc="upper center")  # lag is least certain at the ends
         axis.margins(y=0.2)
         axis.set(xlabel="frequency [Hz]")

@@ -184,26 +184,38 @@ def tracks(jumps: Sequence[Tracked], Figure: NewFigure) -> Figure:
 def jump_picture(rod: RodMotion, simulation: Simulation | None, actuation: Actuation | None) -> JumpPicture:
     """Measured and simulated height of the rod, the simulated foot, and what the model leaves over."""
     with styled() as Figure:
-        rows = 2 if simulation else 1
-        figure = Figure(figsize=(8.6, 2.4 + 1.5 * rows), layout="constrained")
-        axes = figure.subplots(rows, 1, sharex=True, squeeze=False, height_ratios=(2.4, 1)[:rows])[:, 0]
-        axes[0].set(ylabel="rod height [mm]", title="rod height above rest")
-        if simulation:  # sigma is all of it: a wrong scale is a difference to the model too
-            t, sigma = rod.table.time_s, rod.table.sigma_m.to_numpy(float)
-            axes[1].fill_between(t, -2e3 * sigma, 2e3 * sigma, color=QUIET, alpha=0.35, lw=0, label="±2σ")
-            axes[1].set(ylabel="measured − model [mm]")
-        draw_beside(list(axes), rod, simulation, "model", size=3, line=".-", ms=2, lw=0.6)
-        if simulation:
-            s = simulation.table
-            axes[0].plot(s.time_s, s.foot_m * 1e3, color=GREEN, lw=1, label="foot over the surface, model")
-            axes[1].legend(loc="upper right")
-        if actuation and actuation.moves:
-            for axis in axes:
-                axis.axvspan(actuation.start, actuation.stop, color=ACCENT, alpha=0.12, lw=0)
-            axes[0].text(actuation.start, axes[0].get_ylim()[1], " motor", color=ACCENT, va="top")
-        axes[-1].set_xlabel("time [s]")
-        axes[0].legend(loc="upper right")
-        return JumpPicture(png(figure))
+        return JumpPicture(png(jump(rod, simulation, actuation, Fits({}), Figure)))
+
+
+def jump(
+    rod: RodMotion, simulation: Simulation | None, actuation: Actuation | None, fits: Fits, Figure: NewFigure
+) -> Figure:
+    """Measured and simulated height of the rod with its apex, where fits has one, and their difference."""
+    rows = 2 if simulation else 1
+    figure = Figure(figsize=(8.6, 2.4 + 1.5 * rows), layout="constrained")
+    axes = figure.subplots(rows, 1, sharex=True, squeeze=False, height_ratios=(2.4, 1)[:rows])[:, 0]
+    axes[0].set(ylabel="rod height [mm]", title="rod height above rest")
+    if simulation:  # sigma is all of it: a wrong scale is a difference to the model too
+        t, sigma = rod.table.time_s, rod.table.sigma_m.to_numpy(float)
+        axes[1].fill_between(t, -2e3 * sigma, 2e3 * sigma, color=QUIET, alpha=0.35, lw=0, label="±2σ")
+        axes[1].set(ylabel="measured − model [mm]")
+    draw_beside(list(axes), rod, simulation, "model", size=3, line=".-", ms=2, lw=0.6)
+    height, at = fits.determined("jump_height_m"), fits.determined("apex_time_s")
+    if height and at:
+        axes[0].errorbar(
+            at.value, height.value * 1e3, 2e3 * height.sigma, fmt="o", ms=7, mfc="none", color="black", label="apex"
+        )
+    if simulation:
+        s = simulation.table
+        axes[0].plot(s.time_s, s.foot_m * 1e3, color=GREEN, lw=1, label="foot over the surface, model")
+        axes[1].legend(loc="upper right")
+    if actuation and actuation.moves:
+        for axis in axes:
+            axis.axvspan(actuation.start, actuation.stop, color=ACCENT, alpha=0.12, lw=0)
+        axes[0].text(actuation.start, axes[0].get_ylim()[1], " motor", color=ACCENT, va="top")
+    axes[-1].set_xlabel("time [s]")
+    axes[0].legend(loc="upper right")
+    return figure
 
 
 @stage(version=3, picture=True)
@@ -351,7 +363,7 @@ def draw_theta(axis: Axes, fits: Fits, column: Column) -> None:
 
 
 def draw_cone(axis: Axes, fits: Fits, column: Column, flow: Flow) -> None:
-    """Added mass against depth and the saturating cone (33)."""
+    """Added mass against depth and, where it was fitted, the saturating cone (33)."""
     f = flow.field
     z = f.foot_depth.values
     sinks = np.gradient(z) > 0.0 if len(z) > 1 else np.ones(len(z), bool)
@@ -359,11 +371,12 @@ def draw_cone(axis: Axes, fits: Fits, column: Column, flow: Flow) -> None:
         mass, sigma = f.added_mass.values[which] * 1e3, f.added_mass_sigma.values[which] * 1e3
         if np.isfinite(mass).any():
             axis.errorbar(z[which] * 1e3, mass, sigma, fmt=mark, lw=0.7, ms=4, color=color, label=label)
-    line = np.linspace(0.0, np.nanmax(z[np.isfinite(f.added_mass.values)]), 100)
-    slope, narrowing = fits["cone_slope_kg_m"].value, fits["mu_over_tan_theta"].value
-    c, R = fits["C"], column.geometry.foot_radius_m
-    label = f"$C$ = {measured(c.value, c.sigma)}" if c.known else "cone"
-    axis.plot(line * 1e3, mass_curve(line, slope, narrowing, R) * 1e3, color=GREEN, label=label)
+    slope, narrowing = fits.determined("cone_slope_kg_m"), fits.determined("mu_over_tan_theta")
+    if slope and narrowing:
+        line = np.linspace(0.0, np.nanmax(z[np.isfinite(f.added_mass.values)]), 100)
+        c, R = fits["C"], column.geometry.foot_radius_m
+        label = f"$C$ = {measured(c.value, c.sigma)}" if c.known else "cone"
+        axis.plot(line * 1e3, mass_curve(line, slope.value, narrowing.value, R) * 1e3, color=GREEN, label=label)
     axis.legend()
     axis.set(title="added mass and cone", xlabel="foot depth [mm]", ylabel="$m_a$ [g]")
 

@@ -14,6 +14,7 @@ from functools import cache
 from importlib.resources import files as resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 from jumpvision import __version__
 from jumpvision.base.storage import write_aside
@@ -33,12 +34,11 @@ from jumpvision.experiment.results.summary import JumpRow
 from jumpvision.experiment.results.values import CraterShape, Fits, Intrusion
 from jumpvision.experiment.workflow.run import Outcome
 
-from .apparatus_charts import apparatus_charts
-from .charts import actuator_chart, diagnosis_charts, fits_of, heights_chart
-from .experiment_charts import experiment_charts, intrusion_chart, whole_disc
+from .drawings import apparatus_figures, fits_of, intrusion_figure, motion_figures, whole_disc
 from .quantities import HALF, WHOLE, fit_rows, typeset
+from .svg import drawing
 from .verdict import VerdictShown, causes_shown, detectable_shown, suggested_shown
-from .words import campaign_words, drawing, experiment_words, film, inline, noise_words, poster, preview
+from .words import campaign_words, experiment_words, film, inline, noise_words, poster, preview
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -61,6 +61,15 @@ FILMS = {
     "cone.webm": ("The growing cone", "film of the grains with the shear bands and the sides of the jammed cone"),
 }
 PREVIEWS = ("flow.png", "piv.png", "bed.png", "track.png", "crater.png")  # of one experiment on the campaign's page
+
+# figures of a campaign's page, for who cannot see them
+GAINS = "heights measured and simulated, where the simulation fails, error on jumps held out"
+CRITICAL = "volume change of the craters against volume fraction, with its zero crossing"
+RESISTANCES = "resistances, bend and oscillations against volume fraction; force against depth by foot, beside the cone"
+STEPS = "force against depth of intrusions in steps of different lengths, one over the other"
+ACTUATOR = "amplitude ratio and lag of the motor against frequency"
+LAW = "the law as a formula, and its value over the range that the jumps covered"
+VARIES = "own value of each recording against what it goes with, the declared value and the pattern"
 
 SHOWS = (  # a result, and a picture of it on the page
     ("track.csv", "track.png"),
@@ -92,7 +101,8 @@ def write_campaign(
     from jumpvision.experiment.campaign.measured.craters import measured_in, zero_crossing
     from jumpvision.experiment.campaign.measured.intrusions import intrusion_laws, slow_intrusions, stepped
     from jumpvision.report.figures.bed import critical
-    from jumpvision.report.figures.logs import resistances, steps
+    from jumpvision.report.figures.diagnosis import gains, heights, placed
+    from jumpvision.report.figures.logs import actuator, resistances, steps
 
     craters = measured_in(outcomes)
     crossing = zero_crossing(craters) if craters else None
@@ -101,8 +111,10 @@ def write_campaign(
     motors = driven(campaign, outcomes)
     swept = len({r.frequency for r in motors}) > 2
     sentence, facts = campaign_words(rows, diagnosis, crossing, len(intruded))
-    heights = heights_chart(rows, diagnosis)
+    jumps = [r.cells() for r in rows]
     truth = Truth.of(campaign)
+    links = {o.name: f"{quote(o.name)}/{files.REPORT}" for o in outcomes if o.results.is_dir()}
+    pictured = (results / files.PICTURE).exists()
     shown = richest(outcomes)
     cone = shown.results / "cone.webm" if shown is not None else None
     moving = {"src": film(cone), "poster": poster(cone)} if cone is not None and cone.exists() else None
@@ -110,24 +122,25 @@ def write_campaign(
     text = template("campaign.html.j2").render(
         key=mark,
         style=style(),
-        script=script(),
         title=campaign.path.absolute().name,
         version=__version__,
         sentence=sentence,
         facts=facts,
-        heights=heights,
-        charts=diagnosis_charts(diagnosis),
+        heights=drawing("Jump heights", heights, jumps, links=links) if placed(jumps)[0] else None,
+        gains=drawing(GAINS, gains, diagnosis, links=links) if diagnosis and not pictured else None,
         verdict=verdict_shown(campaign, diagnosis, truth, results / files.PICTURE) if diagnosis else None,
         noise=noise_words(diagnosis.noise) if diagnosis else "",
         confirmed=diagnosis.confirmed if diagnosis else None,
         half_foot=half_foot(diagnosis, outcomes) if diagnosis else "",
         model=diagnosis,
-        critical=drawing(critical, craters, crossing) if packed else None,
-        intrusions=drawing(resistances, intruded, intrusion_laws(intruded)) if intruded else None,
-        intrusion=intrusion_chart(results / intruded[0].experiment) if intruded else None,
-        in_steps=drawing(steps, in_steps) if (in_steps := stepped(intruded)) else None,
-        actuator=actuator_chart(motors, actuator_bandwidth(motors)) if swept else None,
-        table=linked(typeset_rows(overview(campaign, outcomes)), outcomes),
+        critical=drawing(CRITICAL, critical, craters, crossing, links=links) if packed else None,
+        intrusions=drawing(RESISTANCES, resistances, intruded, intrusion_laws(intruded), links=links)
+        if intruded
+        else None,
+        intrusion=intrusion_figure(results / intruded[0].experiment) if intruded else None,
+        in_steps=drawing(STEPS, steps, in_steps) if (in_steps := stepped(intruded)) else None,
+        actuator=drawing(ACTUATOR, actuator, motors, actuator_bandwidth(motors), links=links) if swept else None,
+        table=linked(typeset_rows(overview(campaign, outcomes)), outcomes, links),
         details=typeset_rows(filmed_foot(details(campaign, outcomes), outcomes)),
         chance=typeset(coverage_words(campaign, outcomes)),
         shown=shown,
@@ -155,9 +168,9 @@ def verdict_shown(campaign: Campaign, d: Diagnosis, truth: Truth | None, picture
         "jumps",
         "films or tests",
         picture=inline(picture.read_bytes()) if picture.exists() else None,
-        law=drawing(discovered_law, d.discovered) if d.discovered else None,
+        law=drawing(LAW, discovered_law, d.discovered) if d.discovered else None,
         synthetic=truth is not None,
-        varies=drawing(what_varies, v) if (v := shown(d)) else None,
+        varies=drawing(VARIES, what_varies, v) if (v := shown(d)) else None,
         suggested=suggested_shown(d),
     )
 
@@ -212,18 +225,16 @@ def write_experiment(
         crater = CraterShape.load(folder).values
         volume["volume_m3"] = Estimate(crater["volume_m3"], crater["sigma_m3"], "m3", 1, math.nan)
     sentence, facts = experiment_words(law, outcome.summary, Fits(fits | volume), whole=whole_disc(folder))
-    charts = experiment_charts(folder, law)
     page = template("experiment.html.j2").generate(
         key=mark,
         style=style(),
-        script=script(),
         title=outcome.name,
         version=__version__,
         back=back,
         sentence=sentence,
         facts=facts,
-        charts=charts,
-        more=apparatus_charts(folder, experiment),
+        figures=motion_figures(folder, experiment),
+        apparatus=apparatus_figures(folder, experiment),
         draws=draws if undrawn(folder) else "",
         films=[
             {"src": film(folder / f), "poster": poster(folder / f), "heading": heading, "alt": alt}
@@ -271,13 +282,13 @@ def richest(outcomes: list[Outcome]) -> Outcome | None:
     return most if most is not None and made[most.name] else None
 
 
-def linked(table: list[dict[str, Any]], outcomes: list[Outcome]) -> list[dict[str, Any]]:
+def linked(table: list[dict[str, Any]], outcomes: list[Outcome], links: Mapping[str, str]) -> list[dict[str, Any]]:
     """Rows of the table of experiments with the address of each page and what went wrong."""
     by_name = {o.name: o for o in outcomes}
     return [
         {
             "cells": row,
-            "href": f"{row['experiment']}/{files.REPORT}" if by_name[row["experiment"]].results.is_dir() else "",
+            "href": links.get(row["experiment"], ""),
             "errors": by_name[row["experiment"]].errors,
         }
         for row in table
@@ -299,13 +310,7 @@ def template(name: str) -> Template:
 
 def style() -> str:
     """What a page's style element holds."""
-    return static("uplot/uPlot.min.css") + static("page.css")
-
-
-def script() -> str:
-    """What a page's script element holds: uPlot with its licence, and what draws by it."""
-    licence = f"/*\n{static('uplot/LICENSE')}*/\n"
-    return licence + static("uplot/uPlot.iife.min.js") + static("plot.js") + static("page.js")
+    return static("page.css")
 
 
 @cache

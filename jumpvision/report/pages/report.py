@@ -88,11 +88,14 @@ def digest_of(texts: Iterable[str]) -> str:
     return found.hexdigest()[:24]
 
 
+CODE = ("figures", "pages", "pages/static", "pages/templates")
+
+
 @cache
 def _code() -> str:
-    """Digest of the pages' own files."""
-    here = resources(__package__)
-    own = [f for folder in ("", "static", "templates") for f in here.joinpath(folder).iterdir() if f.is_file()]
+    """Digest of the files that draw and write pages."""
+    folders = [resources("jumpvision.report"), *map(resources("jumpvision.report").joinpath, CODE)]
+    own = [f for folder in folders for f in folder.iterdir() if f.is_file()]
     return hashlib.sha256(__version__.encode() + b"".join(f.read_bytes() for f in sorted(own, key=str))).hexdigest()
 
 

@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import groupby
 from pathlib import Path
+
+import numpy as np
 
 from jumpvision import __version__
 from jumpvision.base.numbers import between, said, times
 from jumpvision.base.storage import write_aside
 from jumpvision.engine.document.diagnosis import Diagnosis, chance
+from jumpvision.engine.document.document import rms
 from jumpvision.engine.document.sentence import plus_minus
+from jumpvision.engine.document.values import Trace
 from jumpvision.experiment import files
-from jumpvision.report.figures.diagnosis import study_picture
+from jumpvision.report.figures.diagnosis import recording, study_picture
 from jumpvision.report.figures.varies import shown, what_varies
 
-from .page import script, style, template
+from .page import VARIES, style, template
 from .quantities import typeset
-from .study_charts import correlation_rows, recordings_charts
+from .svg import Drawn, drawing
 from .verdict import VerdictShown, causes_shown, detectable_shown
-from .words import drawing, inline
+from .words import inline
 
+HARDLY_DISTINGUISHABLE = 0.9  # correlation from which two parameters are marked
 OPEN = 3  # recordings whose figures are open, the worst ones; the rest are folded
 PICTURED = "the diagnosis: the worst recording, what is left there, where, causes, the error of each recording"
 
@@ -39,10 +46,9 @@ def write_study(d: Diagnosis, folder: Path, title: str, *, pictures: bool = True
 
 def page(d: Diagnosis, png: bytes, title: str) -> str:
     """The page."""
-    runs, varies = d.runs, drawing(what_varies, v) if (v := shown(d)) else None
+    runs, varies = d.runs, drawing(VARIES, what_varies, v) if (v := shown(d)) else None
     return template("study.html.j2").render(
         style=style(),
-        script=script(),
         title=title,
         version=__version__,
         sentence=d.sentence,
@@ -58,7 +64,7 @@ def page(d: Diagnosis, png: bytes, title: str) -> str:
             pictured=PICTURED,
             varies=varies,
         ),
-        charts=recordings_charts(d),
+        recordings=recordings(d),
         open=OPEN,
         adequate=d.adequate,
         correlations=correlation_rows(d),
@@ -67,6 +73,48 @@ def page(d: Diagnosis, png: bytes, title: str) -> str:
         runs=f"{runs.made} simulations made, {runs.kept} kept from before, {said(runs.seconds)} s" if runs else "",
         failures=runs.failures[:10] if runs else (),  # runs that are listed
     )
+
+
+def recordings(d: Diagnosis) -> list[Drawn]:
+    """One figure a recording, the worst simulated first."""
+    by_name = [(name, list(traces)) for name, traces in groupby(d.traces, lambda x: x.recording)]
+    return [
+        Drawn(drawing(name, recording, traces, not d.adequate), name, _errors(traces, d))
+        for name, traces in sorted(by_name, key=lambda x: -_worst(x[1]))
+    ]
+
+
+def _worst(traces: Sequence[Trace]) -> float:
+    """The largest error of the simulation in the range of its channel."""
+    return max(rms(x.measured - x.simulated) / max(float(np.ptp(x.measured)), 1e-300) for x in traces)
+
+
+def _errors(traces: Sequence[Trace], d: Diagnosis) -> str:
+    """The rms error of each channel in words."""
+    errors = "; ".join(
+        f"{x.channel}: {rms(x.measured - x.simulated):.3g}"
+        + ("" if d.adequate else f" → {rms(x.measured - x.extended):.3g}")
+        + (f" {x.unit}" if x.unit not in ("", "1") else "")
+        for x in traces
+    )
+    whose = "simulation" if d.adequate else "simulation, then of the extended one"
+    return f"Error of the {whose}, rms: {errors}."
+
+
+def correlation_rows(d: Diagnosis) -> list[dict[str, str]]:
+    """The correlations of the fitted parameters as a table; [] for one parameter."""
+    known = d.correlations or {}
+    if len(known) < 2:
+        return []
+    return [
+        {"": name, **{other: _said(row[other]) if other != name else "1" for other in known}}
+        for name, row in known.items()
+    ]
+
+
+def _said(value: float) -> str:
+    text = f"{value:+.2f}".replace("-", "−")
+    return f"{text} !" if abs(value) >= HARDLY_DISTINGUISHABLE else text
 
 
 def facts(d: Diagnosis) -> list[tuple[str, str, str]]:

@@ -1,13 +1,11 @@
-"""The first screen of a page in words, and pictures, films and drawings inside it as data."""
+"""The first screen of a page in words, and pictures and films inside it as data."""
 
 from __future__ import annotations
 
 import base64
-import io
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,13 +17,8 @@ from jumpvision.estimate.crater import ZeroCrossing
 from jumpvision.experiment.inputs.sections import Actuation
 from jumpvision.experiment.results.summary import JumpRow, Summary
 from jumpvision.experiment.results.values import Fits
-from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
 
-from .charts import numbered
 from .quantities import HALF, WHOLE
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Numbers = list[tuple[str, str, str]]  # value, unit, what it is
 
@@ -36,7 +29,7 @@ def campaign_words(
     """(sentence, numbers) of a campaign; the diagnosis' sentence where there is one."""
     jumped = [r for r in rows if math.isfinite(r.summary.jump_height.numbers[0])]
     h, s, _ = np.reshape([r.summary.jump_height.numbers for r in jumped], (-1, 3)).T * 1e3
-    model = numbered([r.summary.simulated_height for r in jumped]) * 1e3
+    model = np.array([r.summary.simulated_height for r in jumped], float) * 1e3
     if diagnosis:
         facts = [(said(diagnosis.baseline.rmse_height_m, factor=1e3), "mm", "error of the simulated heights, rms")]
         if g := diagnosis.gain:
@@ -178,35 +171,3 @@ def small(picture: Image) -> str:
     height = round(picture.shape[0] * PREVIEW / picture.shape[1])
     made = cv2.resize(picture, (PREVIEW, height), interpolation=cv2.INTER_AREA)
     return inline(cv2.imencode(".webp", made, [cv2.IMWRITE_WEBP_QUALITY, 82])[1].tobytes(), "image/webp")
-
-
-# Drawings: their ink and house colours are the page's own, light or dark as the reader has it.
-INK = "#010203"  # no figure draws in it
-OWN = {
-    INK: "currentColor",
-    "#000000": "currentColor",
-    MEASURED: "var(--measured)",
-    MODEL: "var(--model)",
-    GREEN: "var(--green)",
-    ACCENT: "var(--accent)",
-    QUIET: "var(--soft)",
-}
-RC: dict[Any, Any] = {
-    **dict.fromkeys(("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color"), INK),
-    "axes.facecolor": "none",
-    "svg.hashsalt": "jumpvision",
-}
-
-
-def drawing(draw: Callable[..., Figure], *data: object) -> str:
-    """The <svg> of a drawing function's figure in the house style, without a date or a background."""
-    import matplotlib
-
-    out = io.StringIO()
-    with styled() as Figure, matplotlib.rc_context(RC):
-        draw(*data, Figure).savefig(out, format="svg", transparent=True, metadata={"Date": None})
-    text = out.getvalue()
-    text = text[text.index("<svg") :]
-    for fixed, own in OWN.items():
-        text = text.replace(fixed.lower(), own)
-    return text
