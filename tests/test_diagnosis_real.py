@@ -101,7 +101,7 @@ def test_drag_of_drawn_falls_is_found_and_nothing_else(drag):
 def test_a_wrong_scale_and_a_drag_are_declared_twins_only_where_the_falls_cannot_tell(noise, scatter, told_apart):
     """Truth: heights are 0.8 of what they were, no drag.
 
-    A drag's own share of a fall of 46 m beside a scale is a third (column "own" of docs/diagnosis_real.md). In noise as
+    A drag's own share of a fall of 46 m beside a scale is a third. In noise as
     that of the real falls, scale differing by 4 % from drop to drop, drag could make a third of the effect; in 5 mm of
     white noise it could not make a hundredth.
     """

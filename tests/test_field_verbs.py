@@ -180,7 +180,7 @@ def test_a_scale_that_is_none_is_refused(rotation):
 def test_the_length_over_which_errors_are_correlated_says_so(rotation):
     field = jv.piv(*rotation[:2], window=24, step=8)
     assert "error_px" not in field.attrs
-    assert abs(field.attrs["error_correlation_length_px"] - 17.7) < 1.0  # px: measured, docs/stages.md
+    assert abs(field.attrs["error_correlation_length_px"] - 17.7) < 1.0  # px: measured, docs/stages/piv.md
 
 
 def legacy(file: Path) -> tuple[dict[str, np.ndarray], list[float], list[float], float]:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
 import shlex
+from contextlib import redirect_stdout
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -19,7 +22,7 @@ app = application()
 GENERATED = ("api.md", "keys.md")  # written when the site is built
 PAGES = [
     ROOT / "README.md",
-    *sorted(p for p in (ROOT / "docs").glob("*.md") if p.name not in GENERATED),
+    *sorted(p for p in (ROOT / "docs").rglob("*.md") if p.name not in GENERATED),
     ROOT / "data_samples" / "README.md",
 ]
 
@@ -46,8 +49,24 @@ def test_every_command_in_the_docs_exists_with_its_options(page):
         app.parse_args(arguments, print_error=False, exit_on_error=False)  # raises for an unknown command or option
 
 
-def test_the_readme_is_a_screen_and_says_what_the_page_says():
-    assert len(README.split()) <= 450
+@cache
+def help_of(name: str) -> str:
+    """What `jumpvision NAME --help` prints."""
+    with redirect_stdout(io.StringIO()) as said:
+        assert main([name, "--help"]) == 0
+    return said.getvalue()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_every_command_that_a_sentence_quotes_exists_with_its_options(page):
+    """In `jumpvision NAME ...` of running text; NAME stands for any."""
+    for name, rest in re.findall(r"`jumpvision ([a-z]+)\b([^`]*)`", page.read_text(encoding="utf-8")):
+        assert name in app, f"{page.name}: jumpvision {name}"
+        for option in re.findall(r"--[a-z][\w-]*", rest):
+            assert option in help_of(name), f"{page.name}: jumpvision {name} {option}"
+
+
+def test_the_readme_says_what_the_page_says():
     verdict = re.search(r"(> The simulation .*?)\n\n", README, flags=re.S).group(1)
     assert verdict in SHOWN
 

@@ -19,7 +19,7 @@ PIV = '[grain_video]\nfile = "{}"\nframe_rate = 1.0\n'
 def test_the_falling_ball_of_a_photron_camera(real_data, tmp_path):
     """15 frames of 12 bit: over 0.5 ms of free fall the path is a parabola.
 
-    An edge-and-circle fit of others leaves 0.0018 px (x) and 0.0024 px (y); ours 0.0016 and 0.0031, see docs/real.md.
+    An edge-and-circle fit of others leaves 0.0018 px (x) and 0.0024 px (y); ours 0.0016 and 0.0031.
     """
     for name in ("ball_12bit.mraw", "ball_12bit.cihx"):
         shutil.copy(real_data / "photron_ball_12bit" / name, tmp_path)
