@@ -159,7 +159,7 @@ RUN = [sys.executable, "-c", "import sys; from jumpvision.cli import main; sys.e
 
 
 def write_whole_campaign(root: Path) -> Path:
-    """Four jumps to be diagnosed, a filmed one, and a grain film whose parts are kept as they come."""
+    """Four jumps to be diagnosed, a filmed one, and a long grain film."""
     from jumpvision.laboratory.blind import Nuisance, draw
     from jumpvision.laboratory.campaign import write_campaign
 

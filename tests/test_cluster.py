@@ -12,7 +12,6 @@ import time
 from pathlib import Path
 
 import pytest
-from conftest import later
 from fault_lab import results_of, run_here, write_campaign
 
 from jumpvision.cli import main
@@ -70,32 +69,37 @@ def test_a_worker_is_killed_and_nothing_is_lost(tmp_path):
 
 
 @needs_snakemake
-@pytest.mark.parametrize("how", [signal.SIGKILL, *later(signal.SIGTERM, signal.SIGINT)])
-def test_what_is_killed_leaves_nothing_running(tmp_path, how):
-    """Neither Snakemake nor a job, and no job is begun any more; the same command then takes it up."""
-    campaign = write_campaign(tmp_path / "a campaign", 3)
+def test_a_command_that_is_killed_goes_on_and_names_with_braces_are_names(tmp_path):
+    """Three experiments, two a job; the profile is a folder of the user's."""
+    campaign = write_campaign(tmp_path / "campaign", 3)
+    (campaign / "jump-0001").rename(campaign / "a {name} 'quoted'")
+    toml = campaign / "jump-0002" / "experiment.toml"
+    toml.write_text('name = "other"\n' + toml.read_text())
+    profile = tmp_path / "profile"
+    profile.mkdir()
+    (profile / "config.yaml").write_text("cores: 1\nconfig:\n  - experiments=2\n")
     call = [sys.executable, "-c", "import sys; from jumpvision.cli import main; sys.exit(main())", "run", campaign]
-    call += ["--results", tmp_path / "there", "--profile", "local", "--workers", "1", "--no-pictures"]
-    run = subprocess.Popen(list(map(str, call)), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    call += ["--results", tmp_path / "there", "--profile", profile, "--no-pictures", "--set", "fit.debounce=0.004"]
+    run = subprocess.Popen(
+        list(map(str, call)), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    )
     try:
         end = time.monotonic() + 120
         while not jobs_at_work(campaign) and run.poll() is None and time.monotonic() < end:
             time.sleep(0.02)
         assert jobs_at_work(campaign)
     finally:
-        run.send_signal(how)
+        os.killpg(run.pid, signal.SIGKILL)
         run.wait()
-    end = time.monotonic() + 30
-    while (left := running_about(tmp_path)) and time.monotonic() < end:
-        time.sleep(0.1)
-    assert not left
-    assert len(list((tmp_path / "there" / ".workflow").glob("done/*"))) < 3
-    assert subprocess.run(list(map(str, call)), capture_output=True).returncode == 0
-    assert not (tmp_path / "there" / ".workflow").exists()
+    done = subprocess.run(list(map(str, call)), capture_output=True, text=True)
+    assert done.returncode == 0 and "nothing recomputed" in done.stderr, done.stderr[-3000:]
+    assert main([*map(str, call[3:6]), str(tmp_path / "here"), "--no-pictures", "--set", "fit.debounce=0.004"]) == 0
+    here, there = results_of(tmp_path / "here"), results_of(tmp_path / "there")
+    assert here == there
 
 
 def test_a_profile_that_is_not_there_is_refused(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("jumpvision.experiment.workflow.cluster._snakemake", lambda: "snakemake")
+    monkeypatch.setattr("jumpvision.experiment.workflow.cluster.shutil.which", lambda _: "snakemake")
     campaign = write_campaign(tmp_path / "campaign", 2)
     call = ["run", str(campaign), "--results", str(tmp_path / "r"), "--profile"]
     assert main([*call, "cloud"]) == 2

@@ -47,12 +47,11 @@ def work(calm, tmp_path) -> Path:
 
 
 def test_a_folder_that_only_looks_like_a_cache_is_refused(tmp_path, capsys):
-    """`.cache` of a home folder, and folders beside one called hashes, hold other programs' files."""
+    """`.cache` of a home folder, and folders of folders, hold other programs' files."""
     home = tmp_path / "home"
     for f in (home / ".cache" / "thumbnails" / "large" / "a.png", tmp_path / "data" / "films" / "2024" / "a.avi"):
         f.parent.mkdir(parents=True)
         f.write_text("precious")
-    (tmp_path / "data" / "hashes").mkdir()
     for place in (home, home / ".cache", tmp_path / "data"):
         assert main(["cache", str(place), "--all"]) == 2
         assert "no cache of jumpvision here" in capsys.readouterr().err
@@ -67,7 +66,7 @@ def test_in_a_cache_only_sealed_entries_are_deleted(work):
     beside = shutil.copytree(whole, store / "fit" / "0123456789abcdef01234567")  # the entry of another place
     (noted := next((store / "rod").iterdir())).joinpath("notes.txt").write_text("mine")
     foreign = [store / "films" / "2024" / "a.avi", store / "writing-HOST-old" / "x" / "y", beside / entries.RECEIPT]
-    foreign += [noted / "notes.txt", noted / "rod.csv", store / "hashes" / "list.json", store / "fit" / "linked"]
+    foreign += [noted / "notes.txt", noted / "rod.csv", store / "fit" / "list.json", store / "fit" / "linked"]
     outside = work / "outside"
     shutil.copytree(whole, outside)
     for f in foreign:
@@ -282,17 +281,6 @@ def test_an_entry_that_changes_between_its_check_and_its_reading_is_not_taken(la
     assert json.loads((tmp_path / "results" / "first.json").read_text())["text"] == "before"
 
 
-def test_what_was_hashed_as_it_was_written_is_hashed_again(lab, tmp_path):
-    """A disk dates changes coarsely: a file that has just changed may change again without another date."""
-    folder, make, _ = lab
-    make()
-    memo = tmp_path / "cache" / "hashes"
-    assert not list(memo.glob("*"))
-    os.utime(folder / "motor.csv", (1e9, 1e9))  # leaves the time of the change as it is
-    make()
-    assert not list(memo.glob("*"))
-
-
 # ---- provenance ------------------------------------------------------------------------------------------------------
 
 
@@ -339,12 +327,11 @@ def asking(tmp_path, monkeypatch):
         def digest(self):
             return "of everything"
 
-    def answer(asked, begun, draw, say):
+    def answer(asked, path, workers, draw, say):
         found.append(draw)
         return diagnose.Answer(diagnosis(), {"model.toml": "[model]\n"}, b"picture")
 
     monkeypatch.setattr(diagnose, "asked_of", lambda *_: Asked())
-    monkeypatch.setattr(diagnose, "_begun", lambda *_: None)
     monkeypatch.setattr(diagnose, "_answer", answer)
     campaign = SimpleNamespace(path=tmp_path)
 

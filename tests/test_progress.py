@@ -78,27 +78,6 @@ def test_one_line_a_phase_and_none_says_that_nothing_is_left(capsys):
     ]
 
 
-@pytest.mark.parametrize("before", [0, 24])
-def test_the_diagnosis_that_begins_beside_experiments_ends_no_phase(capsys, before):
-    """Beside the last film, and before any experiment has ended."""
-    campaign = open_campaign(SAMPLES / "loose_sand")
-    names = [e.name for e in campaign.experiments]
-    with Progress(campaign, workers=2, phases=("experiments", "diagnosis")) as shown:
-        for name in names[:before]:
-            shown.experiment(Ended(name))
-        shown.question("fitting the baseline")
-        for name in names[before:]:
-            shown.experiment(Ended(name))
-        shown.question("trying 18 mechanisms")
-    told = capsys.readouterr().err.splitlines()
-    assert told == [
-        "diagnosis, while experiments are analysed: fitting the baseline",
-        "[1/2] experiments: 25 done in 0 s",
-        "[2/2] diagnosis (0 s): trying 18 mechanisms",
-        "[2/2] diagnosis: done in 0 s",
-    ]
-
-
 def test_a_phase_that_is_interrupted_is_not_told_as_done(capsys):
     campaign = open_campaign(SAMPLES / "loose_sand")
     with pytest.raises(KeyboardInterrupt), Progress(campaign, phases=("experiments",)) as shown:

@@ -1,8 +1,7 @@
 """`run --profile slurm` on a real SLURM: nodes, a job and the controller fail in mid-run, and nothing is lost.
 
 Needs root and Debian's slurmctld, slurmd, slurm-client and munge, for a cluster of two nodes on this machine
-(tests/cluster/slurm.sh). JUMPVISION_SLURM_EXPERIMENTS says how many experiments; 200 take 20 minutes on two cores;
-JUMPVISION_SLURM_FRAMES how many frames a long film has.
+(tests/cluster/slurm.sh). JUMPVISION_SLURM_EXPERIMENTS says how many experiments; 200 take 20 minutes on two cores.
 """
 
 from __future__ import annotations
@@ -19,15 +18,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fault_lab import grain_film, leftovers, results_of, run_here, write_campaign
-
-from jumpvision.base.storage import sha256
+from fault_lab import leftovers, results_of, run_here, write_campaign
 
 ROOT = Path(__file__).parents[1]
 SCRIPT = ROOT / "tests" / "cluster" / "slurm.sh"
 TOOLS = ("slurmctld", "slurmd", "munged", "sbatch", "squeue", "scontrol")
 N = int(os.environ.get("JUMPVISION_SLURM_EXPERIMENTS", "40"))
-FRAMES = int(os.environ.get("JUMPVISION_SLURM_FRAMES", "3000"))
 GROUP, MEMORY = 10, 700  # experiments a SLURM job, MB of one; the hungry one needs more than MEMORY, less than twice it
 ENVIRONMENT = os.environ | {
     "PATH": f"{Path(sys.executable).parent}:/usr/sbin:{os.environ.get('PATH', '')}",
@@ -74,7 +70,6 @@ def profile_here(folder: Path) -> Path:
     text = (ROOT / "pipelines" / "profiles" / "slurm" / "config.yaml").read_text()
     for old, new in (
         (r"experiments=\d+", f"experiments={GROUP}"),
-        (r"frames=\d+", f"frames={FRAMES // 5}"),
         (r"mem_mb=4000\*", f"mem_mb={MEMORY}*"),
         (r"latency-wait: \d+", "latency-wait: 20"),
     ):
@@ -170,33 +165,3 @@ def test_nothing_is_lost_on_a_cluster(cluster, tmp_path):
     assert not (results / ".workflow").exists() and leftovers(results) == []
     logs = Path("/etc/slurm/slurm.conf").resolve().parent
     assert any("exceeded memory limit" in f.read_text() for f in logs.glob("node*.log"))  # it was killed for that
-
-
-def test_a_long_film_is_shared_among_slurm_jobs(cluster, tmp_path):
-    """Five jobs match a fifth of its pairs each; a node is lost with its job in mid-film, then the command is killed:
-    the same again ends with the field of one process, to the last bit."""
-    film = grain_film(tmp_path / "campaign" / "film", FRAMES)
-    results, log = tmp_path / "there", tmp_path / "log.txt"
-    call = [*SELF, "run", film.parent, "--results", results, "--profile", profile_here(tmp_path / "profile")]
-    (tmp_path / "piv.toml").write_text('stages = ["piv"]\n')
-    call += ["--no-pictures", "--no-report", "--workers", "10", "--pipeline", tmp_path / "piv.toml"]
-
-    def kept() -> int:
-        return len(list((results / ".cache" / "parts").glob("*/frames-*")))
-
-    run, parts = started(call, log), FRAMES // 16
-    try:
-        until(lambda: kept() > parts // 6, run)
-        down_with_its_job()
-        until(lambda: kept() > parts // 3, run)
-        text = killed_and_given_again(run, call, log)
-    finally:
-        if run.poll() is None:
-            os.killpg(run.pid, signal.SIGKILL)
-    jobs = len(set(re.findall(r"SLURM jobid (\d+)", text)))
-    print(f"{FRAMES} frames in {jobs} SLURM jobs; tried again: {text.count('Trying to restart job')}")
-    assert jobs >= 6 and kept() == 0 and leftovers(results) == []
-    alone = [*SELF, "piv", film, "--results", tmp_path / "alone", "--workers", "2", "--no-pictures"]
-    subprocess.run(list(map(str, alone)), check=True, stdout=subprocess.DEVNULL, env=ENVIRONMENT)
-    fields = [tmp_path / "alone" / "piv.nc", results / "film" / "piv.nc"]
-    assert sha256(fields[0]) == sha256(fields[1])

@@ -1,17 +1,12 @@
-"""A run in which nothing changed looks into nothing; whatever did change, of what a result rests on, is seen."""
+"""A run in which nothing changed computes nothing; whatever did change, of what a result rests on, is seen."""
 
 from __future__ import annotations
 
 import dataclasses
-import functools
 import json
-import math
 import os
 import shutil
-import subprocess
-import sys
 import time
-import tracemalloc
 from pathlib import Path
 
 import pandas as pd
@@ -20,13 +15,10 @@ from fault_lab import results_of, run_here, write_campaign
 
 from jumpvision.base import storage
 from jumpvision.experiment.inputs.experiment import open_experiment
-from jumpvision.experiment.inputs.sections import NotApplicable
 from jumpvision.experiment.results.summary import JumpRow, Summary, Uncertain
-from jumpvision.experiment.results.tables import RodMotion
-from jumpvision.experiment.workflow import cache, run, unchanged
-from jumpvision.experiment.workflow.hashes import Hashed, packed, unpacked
+from jumpvision.experiment.workflow import cache, stamps
 from jumpvision.experiment.workflow.run import Plan, run_experiment
-from jumpvision.experiment.workflow.stage import STAGES
+from jumpvision.experiment.workflow.stage import StageWarning
 
 PLAN = {"stages": None, "command": "jumpvision run"}
 
@@ -46,31 +38,29 @@ def place(made, tmp_path) -> Path:
     return Path(shutil.copytree(made / "campaign" / "jump-0000", tmp_path / "jump"))
 
 
-def asked(place: Path, monkeypatch, *, into: str = "results", overrides=None, **options):
-    """(outcome of a run of one experiment, whether it was told from its note)."""
-    looked = []
-    with monkeypatch.context() as patch:
-        true = run.Workspace
-        patch.setattr(run, "Workspace", lambda *a, **k: looked.append(1) or true(*a, **k))
-        results = place.parent / into
-        plan = Plan(results, results / ".cache", **{**PLAN, **options})
-        e = open_experiment(place, overrides=overrides)
-        return run_experiment(e, plan, results), not looked
+def ran(place: Path, *, into: str = "results", overrides=None, **options):
+    """Outcome of a run of one experiment."""
+    results = place.parent / into
+    plan = Plan(results, results / ".cache", **{**PLAN, **options})
+    return run_experiment(open_experiment(place, overrides=overrides), plan, results)
 
 
-def shown(step):
-    """What is told of a step by its note: keys and digests stay there."""
-    return step.stage, step.warnings, step.versions, list(step.files)
+def told(step):
+    return dataclasses.replace(step, seconds=0.0, state="")
 
 
-def test_what_is_told_is_what_was_done(place, monkeypatch):
-    first, noted = asked(place, monkeypatch)
-    assert not noted and first.computed == len(first.steps) > 2
+def test_a_run_in_which_nothing_changed_reads_no_recording_and_no_result(place, monkeypatch):
+    first = ran(place)
+    assert first.computed == len(first.steps) > 2
+    monkeypatch.setattr(storage, "FRESH", -1e9)  # as if all had lain there for long
     before = results_of(place.parent / "results")
-    for _ in range(3):  # the first time by hashes, as files are new; then by dates
-        again, noted = asked(place, monkeypatch)
-        assert noted and again.computed == 0
-        assert [*map(shown, again.steps)] == [*map(shown, first.steps)]
+    ran(place)
+    read = []
+    monkeypatch.setattr(stamps, "sha256", lambda f: read.append(f))
+    for _ in range(2):
+        again = ran(place)
+        assert again.computed == 0 and not read
+        assert [*map(told, again.steps)] == [*map(told, first.steps)]
         assert (again.summary, again.not_run, again.warnings) == (first.summary, first.not_run, first.warnings)
         assert results_of(place.parent / "results") == before
 
@@ -97,7 +87,6 @@ CHANGES = {  # what is done in the folder above the experiment, whether somethin
     "an entry removed": (lambda at: shutil.rmtree(entry(at)), True),
     "an entry edited": (lambda at: edit(entry(at) / "fits.json"), True),
     "a receipt edited": (lambda at: edit(entry(at) / "receipt.json"), True),
-    "the note cut": (lambda at: cut(next((at / "results" / ".cache" / "notes").iterdir())), False),
 }
 
 
@@ -112,164 +101,88 @@ def entry(at: Path) -> Path:
     return next((at / "results" / ".cache" / "fit").iterdir())
 
 
-def cut(file: Path) -> None:
-    file.write_bytes(file.read_bytes()[:-20])
-
-
 @pytest.mark.parametrize("settled", [False, True])
 @pytest.mark.parametrize("what", CHANGES)
 @pytest.mark.filterwarnings("ignore::jumpvision.experiment.workflow.stage.StageWarning")
 def test_a_change_is_seen(place, monkeypatch, what, settled):
     change, computed = CHANGES[what]
-    asked(place, monkeypatch)
+    ran(place)
     if settled:
         monkeypatch.setattr(storage, "FRESH", -1e9)  # as if all had lain there for long
-        assert asked(place, monkeypatch)[1]
-        assert asked(place, monkeypatch)[1]
+        ran(place)
     change(place.parent)
-    outcome, noted = asked(place, monkeypatch)
-    assert not noted and not outcome.errors
+    outcome = ran(place)
+    assert not outcome.errors
     assert (outcome.computed > 0) == computed
-    assert asked(place, monkeypatch)[1]
+    assert ran(place).computed == 0
     shutil.copytree(place, place.parent / "fresh" / "jump")
-    asked(place.parent / "fresh" / "jump", monkeypatch)
+    ran(place.parent / "fresh" / "jump")
     assert results_of(place.parent / "results") == results_of(place.parent / "fresh" / "results")
 
 
 def test_an_edit_in_the_moment_of_the_run_is_seen_though_no_date_tells(place, monkeypatch):
-    """A file of the same stamp as noted, and noted so shortly after its change that this says nothing."""
+    """A file of the same stamp as before, and hashed so shortly after its change that this says nothing."""
     monkeypatch.setattr(storage, "FRESH", 1e9)
-    asked(place, monkeypatch)
+    ran(place)
     log = place / "rod_track.csv"
-    true, noted = unchanged.stamp, storage.stamp(log)
+    true, seen = stamps.stamp, storage.stamp(log)
     edit(log)
-    monkeypatch.setattr(unchanged, "stamp", lambda f: noted if str(f) == str(log) else true(f))
-    outcome, told = asked(place, monkeypatch)
-    assert not told and outcome.computed
+    monkeypatch.setattr(stamps, "stamp", lambda f: seen if str(f) == str(log) else true(f))
+    assert ran(place).computed
 
 
-def test_other_questions_have_other_answers(place, monkeypatch):
-    asked(place, monkeypatch)
-    assert not asked(place, monkeypatch, overrides={"params": {"fit": {"debounce": 0.013}}})[1]
-    assert not asked(place, monkeypatch)[1]
-    assert not asked(place, monkeypatch, stages=("rod",))[1]
-    assert not asked(place, monkeypatch)[1]
-    assert asked(place, monkeypatch)[1]
-    assert not asked(place, monkeypatch, verify=True)[1]
-    assert asked(place, monkeypatch, command="jumpvision run --json")[1]
-    monkeypatch.setattr(unchanged, "_code", lambda: "another version")
-    assert not asked(place, monkeypatch, command="jumpvision report")[1]
+def test_other_questions_have_other_answers(place):
+    ran(place)
+    assert ran(place, overrides={"params": {"fit": {"debounce": 0.013}}}).computed
+    assert not ran(place).computed
+    assert [s.stage for s in ran(place, stages=("rod",)).steps] == ["rod"]
+    assert not ran(place, verify=True).computed
+    assert not ran(place, command="jumpvision report").computed
     told = json.loads((place.parent / "results" / "provenance.json").read_text())
     assert told["command"] == "jumpvision run"  # who made the results, not who found them whole
 
 
-def test_what_experiments_share_is_looked_at_by_one_and_stays_noted_by_all(tmp_path, monkeypatch):
-    """The same drive on the same bed has one geometry: who read it made the note of the one before worthless."""
-    campaign = write_campaign(tmp_path / "campaign", 2)
-    shutil.copy(campaign / "jump-0000" / "experiment.toml", campaign / "jump-0001")
-    toml = campaign / "campaign.toml"
-    bed = "[bed]\nvolume_fraction = 0.57\nsolid_volume = 0.045\nlength = 0.56\nwidth = 0.56\n"
-    robot = "foot_mass = 0.04\nfoot_radius = 0.0381\n"
-    toml.write_text(toml.read_text().replace("hard", "granular") + robot + bed)
-    assert run_here(campaign, tmp_path / "results") == 0
-    assert len(list((tmp_path / "results" / ".cache" / "geometry").iterdir())) == 1
-    looked = []
-    true = run.Workspace
-    monkeypatch.setattr(run, "Workspace", lambda *a, **k: looked.append(1) or true(*a, **k))
-    assert run_here(campaign, tmp_path / "results") == 0
-    assert not looked
+def test_a_result_of_a_stage_that_has_no_inputs_here_is_removed(place):
+    """A killed run of other sections left a file that is no result of this experiment, and never put it down."""
+    ran(place)
+    results, toml = place.parent / "results", place / "experiment.toml"
+    (results / "notes.txt").write_text("mine")
+    (results / "provenance.json").unlink()
+    toml.write_text(toml.read_text().split("[rod_track]")[0])
+    ran(place)
+    assert (results / "notes.txt").exists() and not (results / "rod.csv").exists()
 
 
-NOTHING_NEW = """
-import sys
-from fault_lab import Path, run_here
-assert run_here(Path(sys.argv[1]) / "campaign", Path(sys.argv[1]) / "results") == 0
-print("loaded:", *sorted({"numba", "scipy", "pandas", "xarray", "cv2", "matplotlib"} & sys.modules.keys()))
-"""
-
-
-def test_where_nothing_changed_nothing_large_is_loaded(made):
-    """What only stages and new pages need takes 2 s and 170 MB."""
-    here = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, [Path(__file__).parent, *sys.path]))}
-    call = [sys.executable, "-c", NOTHING_NEW, str(made)]
-    said = [subprocess.run(call, capture_output=True, text=True, env=here, check=True).stdout for _ in range(2)]
-    assert said[1].splitlines()[-1].strip() == "loaded:"
-
-
-def test_memory_of_what_is_told_from_its_note(place, monkeypatch):
-    """What all experiments of a campaign have alike is there once: 2 kB an experiment, 5.8 where it is not."""
-    for _ in range(2):
-        asked(place, monkeypatch)
-    results = place.parent / "results"
-    e, plan = open_experiment(place), Plan(results, results / ".cache", **PLAN)
-    tracemalloc.start()
-    try:
-        before, told = tracemalloc.get_traced_memory()[0], []
-        for _ in range(100):
-            told.append(run_experiment(e, plan, results))
-        each = (tracemalloc.get_traced_memory()[0] - before) / len(told)
-    finally:
-        tracemalloc.stop()
-    assert all(not o.computed for o in told) and each < 2500, each
-
-
-def test_a_result_of_a_stage_that_comes_from_elsewhere_is_looked_at(place, monkeypatch):
-    """A killed run of other sections left a file that is no result of this experiment."""
-    asked(place, monkeypatch)
-    (place.parent / "results" / "notes.txt").write_text("mine")
-    assert asked(place, monkeypatch)[1]
-    (place.parent / "results" / "bed.json").write_text("{}")
-    assert not asked(place, monkeypatch)[1]
-
-
-def test_a_picture_of_what_there_is_not_keeps_nothing_from_being_noted(place, monkeypatch):
-    """It has no entry of its own, which the note would look for in vain."""
-
-    @functools.wraps(STAGES[RodMotion].function)
-    def nothing(*args, **kwargs):
-        raise NotApplicable(["no rod here"])
-
-    monkeypatch.setitem(STAGES, RodMotion, dataclasses.replace(STAGES[RodMotion], function=nothing))
-    pictures = ("jumpvision.report.figures.pictures",)
-    assert "no rod here" in asked(place, monkeypatch, pictures=pictures)[0].not_run
-    assert asked(place, monkeypatch, pictures=pictures)[1]
-
-
-def test_what_failed_is_tried_again(place, monkeypatch):
+def test_what_failed_is_tried_again(place):
     (place / "rod_track.csv").write_text("time_s,height_m\n0,nan\n")
     for _ in range(2):
-        outcome, noted = asked(place, monkeypatch)
-        assert outcome.errors and not noted
+        assert ran(place).errors
 
 
-def test_a_new_frame_of_a_folder_is_seen(tmp_path):
-    """The files of a recording are listed again, not only looked at."""
-    folder = tmp_path / "film"
-    folder.mkdir()
-    (folder / "a.png").write_text("a")
-    files = Hashed(str(folder), ["a.png"], packed("00" * 32, storage.stamp(folder / "a.png")))
-    noted = {"foreign": [], "recordings": {str(folder): unchanged._files_noted(files, math.inf)}, "files": {}}
-    assert unchanged._same(noted, tmp_path, time.time())
-    (folder / "b.png").write_text("b")
-    assert not unchanged._same(noted, tmp_path, time.time())
-
-
-def test_entries_of_a_run_that_looked_into_nothing_count_as_used(place, monkeypatch):
-    asked(place, monkeypatch)
+def test_entries_of_a_run_in_which_nothing_changed_count_as_used(place):
+    ran(place)
     store = place.parent / "results" / ".cache"
-    long_ago = time.time() - 40 * 86400
-    monkeypatch.setattr(unchanged, "stamp", lambda f: storage.stamp(f)[:1])  # dates are set back here
-    monkeypatch.setattr(unchanged, "settled", lambda *_: True)
-    note = next((store / "notes").iterdir())
-    content = storage.unsealed(note.read_text())
-    files = {f: [v[0], v[-1]] for f, v in content["files"].items()}
-    note.write_text(storage.sealed({**content, "recordings": {}, "files": files}))
     for f in (*store.glob("*/*/*"), *store.glob("*/*/")):
-        os.utime(f, (long_ago,) * 2)
-    os.utime(note, (long_ago,) * 2)
+        os.utime(f, (time.time() - 40 * 86400,) * 2)
     assert len(cache.to_prune(cache.entries_of(store), older_than=30 * 86400.0)) == len(cache.entries_of(store)) > 0
-    assert asked(place, monkeypatch)[1]
+    assert ran(place).computed == 0
     assert cache.to_prune(cache.entries_of(store), older_than=30 * 86400.0) == []
+
+
+def test_what_is_read_is_checked_though_its_stamp_is_known(place, monkeypatch):
+    """A byte of an entry that changes without a date, as a disk that fails changes it, enters no other result."""
+    ran(place)
+    monkeypatch.setattr(storage, "FRESH", -1e9)
+    ran(place)
+    file = next((place.parent / "results" / ".cache" / "rod").glob("*/rod.csv"))
+    true, seen = stamps.stamp, storage.stamp(file)
+    before = results_of(place.parent / "results")["fits.json"]
+    edit(file)
+    monkeypatch.setattr(stamps, "stamp", lambda f: seen if str(f) == str(file) else true(f))
+    shutil.rmtree(entry(place.parent))
+    with pytest.warns(StageWarning, match="damaged in the cache; computed again"):
+        assert {s.stage for s in ran(place).steps if s.state == "computed"} == {"rod", "fit"}
+    assert results_of(place.parent / "results")["fits.json"] == before
 
 
 def test_the_table_of_jumps_is_that_of_pandas(made):
@@ -288,10 +201,3 @@ def test_the_table_of_jumps_is_that_of_pandas(made):
     assert write_jumps(rows, folder).read_text() == pd.DataFrame(cells, dtype=object).to_csv(
         index=False, lineterminator="\n"
     )
-
-
-@pytest.mark.parametrize("number", [0, 17, -1, 2**63, -(2**63), 2**128 - 1])
-def test_a_digest_and_a_stamp_come_back_as_they_were_packed(number):
-    """Dates before 1970 are negative, numbers of files on Windows have 128 bits."""
-    digest, at = storage.sha256(Path(__file__)), (4096, number, 10**18 + 1, number)
-    assert unpacked(packed(digest, at)) == (digest, at)

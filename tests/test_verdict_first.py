@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
-
-import numpy as np
 import pytest
 from fault_lab import grain_film, results_of, write_campaign
 
-from jumpvision.base.compiling import begins, noticed
 from jumpvision.cli import main
 from jumpvision.experiment.campaign.folder import run_folder
 from jumpvision.experiment.inputs.experiment import open_folder
-from jumpvision.experiment.results.fields import Piv
-from jumpvision.experiment.results.tables import RodMotion
-from jumpvision.experiment.workflow import many
 from jumpvision.experiment.workflow import run as engine
 from jumpvision.experiment.workflow.run import Plan
 from jumpvision.report.figures import ON_PAGES, PICTURES
@@ -90,62 +83,6 @@ def test_a_picture_that_fails_is_told_beside_what_was_found(tmp_path, monkeypatc
     run, watcher = ran(campaign, results)
     assert watcher.told[0][2] and "No space left" in run.outcomes[0].errors[0]
     assert (results / "jump-0000" / "rod.csv").exists()
-
-
-def test_the_jumps_are_known_before_a_film_is_matched(tmp_path):
-    """Once, with every experiment, before the film is told; the track known then is the one known at last."""
-    campaign, results = write_campaign(tmp_path / "campaign", 2), tmp_path / "results"
-    film = grain_film(campaign / "film", 200)  # longer than the jumps, also where processes start slowly
-    table = (campaign / "jump-0000" / "experiment.toml").read_text()
-    (film / "experiment.toml").write_text(table + (film / "experiment.toml").read_text())
-    track = (campaign / "jump-0000" / "rod_track.csv").read_text().splitlines()[:-1]  # its own, or it may be cached
-    (film / "rod_track.csv").write_text("\n".join(track) + "\n")
-    heard, ended = [], []
-
-    def known(outcomes):
-        heard.append((set(outcomes), list(ended), outcomes["film"], RodMotion.load(outcomes["film"].results).table))
-
-    opened = open_folder(campaign)
-    plan = Plan(results, results / ".cache")
-    last = many.run_campaign(opened, plan, workers=2, done=lambda o: ended.append(o.name), jumps=known)
-    [(names, before, outcome, rod)] = heard
-    assert names == {"film", "jump-0000", "jump-0001"} and "film" not in before
-    assert outcome.made(RodMotion) and not outcome.made(Piv) and not any(o.errors for o in last)
-    whole = {o.name: o for o in last}["film"]
-    assert all(s.state == "computed" for s in whole.steps)
-    assert whole.made(RodMotion) and whole.made(Piv) and ended.count("film") == 1
-    assert RodMotion.load(whole.results).table.equals(rod)
-    many.run_campaign(opened, plan, workers=2, done=lambda o: None, jumps=known)  # all is in the cache
-    assert len(heard) == 1
-
-
-@pytest.mark.parametrize("case", ["tables", "compiles", "rod film"])
-def test_tracks_are_told_before_anything_is_fitted(tmp_path, case):
-    """Not where code is compiled, which another process would compile, too; nor where tracks are found in films of the
-    rod: that takes long, and each experiment is done when it has its own."""
-    campaign, results = write_campaign(tmp_path / "campaign", 3), tmp_path / "results"
-    if case == "rod film":
-        film = campaign / "jump-0001" / "experiment.toml"
-        film.write_text(film.read_text().replace("[rod_track]", "[rod_video]\nframe_rate = 100.0\nscale = 1e-3"))
-        film.write_text(film.read_text().replace("rod_track.csv", "rod.npy"))
-        np.save(campaign / "jump-0001" / "rod.npy", np.full((4, 32, 32), 30, np.uint8))
-    heard, ended = [], []
-
-    def known(outcomes):
-        heard.append((len(ended), sorted(outcomes), {s.stage for o in outcomes.values() for s in o.steps}))
-        assert all(RodMotion.load(o.results).table.size for o in outcomes.values())
-
-    with noticed(print) if case == "compiles" else contextlib.nullcontext():
-        begins()
-        last = many.run_campaign(
-            open_folder(campaign), Plan(results, results / ".cache"), workers=2, done=ended.append, jumps=known
-        )
-    names = [o.name for o in last]
-    fitted = [o for o in last if {"rod", "fit", "doubts"} <= {s.stage for s in o.steps}]
-    assert len(ended) == 3 and len(fitted) == 3 - (case == "rod film") and min(o.seconds for o in last) > 0.0
-    assert bool(heard) == (case == "tables")
-    for told, tracked, stages in heard:
-        assert told < 3 and tracked == names and stages == {"rod"}
 
 
 def page_of(results) -> str:

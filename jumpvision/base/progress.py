@@ -1,4 +1,4 @@
-"""Long work: its progress, and its parts: in several processes, their results in order; kept until the whole is there.
+"""Long work: its progress, and its parts: in several processes, their results in order.
 
 The core iterates through `watch`, whoever shows it sets the hook; nothing is printed here.
 """
@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextvars import ContextVar
 from multiprocessing.context import BaseContext
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 from . import compiling
 
@@ -100,34 +100,6 @@ def in_parts(function: Callable[..., Result], parts: Sequence[Part], *arguments:
                 yield waiting.popleft().result()
         finally:  # an error, or nobody asks for more
             pool.shutdown(cancel_futures=True)
-
-
-class Keeper(Protocol):
-    """Keeps finished parts of long work, by name, so that a killed run loses only what was under way."""
-
-    def has(self, name: str) -> bool:
-        """Whether a part is there."""
-
-    def get(self, name: str) -> bytes | None:
-        """A part as it was put; None where it is not there, or damaged."""
-
-    def put(self, name: str, data: bytes) -> None:
-        """Keep a part."""
-
-
-KEEPER: ContextVar[Keeper | None] = ContextVar("keeper", default=None)
-SHARE: ContextVar[tuple[int, int] | None] = ContextVar("share", default=None)  # k, n: only the k-th of n shares
-
-
-class Shared(Exception):
-    """A share of long work is done and kept, and the whole is left to who comes after; without arguments: there was
-    nothing to share."""
-
-
-def share_of(parts: Sequence[Part], share: tuple[int, int]) -> Sequence[Part]:
-    """The k-th of n shares of neighbouring parts, k from 1."""
-    k, n = share
-    return parts[len(parts) * (k - 1) // n : len(parts) * k // n]
 
 
 def worker_pool(n: int) -> ProcessPoolExecutor:

@@ -18,8 +18,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-Json = Mapping[str, Any]  # an object as JSON has it: text, numbers, lists and objects by key
-
 
 def aside_folder(cache: Path) -> Path:
     """A new folder to write a cache entry in before it is renamed; its name says who owns it."""
@@ -126,34 +124,6 @@ def _seal(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-HASHES, NOTES = "hashes", "notes"  # folders of a cache beside its entries: what is remembered of files, and of runs
-
-
-def memory(cache: Path, kind: str, about: Path) -> Path:
-    """Where a cache holds what it remembers (HASHES or NOTES) about a file, or a folder of results."""
-    return cache / kind / (hashlib.sha256(str(about.absolute()).encode()).hexdigest()[:24] + ".json")
-
-
-def remember(cache: Path, kind: str, about: Path, content: Mapping[str, object]) -> None:
-    """Seal it for `recall`."""
-    write_aside(memory(cache, kind, about), sealed({"about": str(about.absolute()), **content}))
-
-
-def recall(cache: Path, kind: str, about: Path) -> Json:
-    """What was remembered. Raises OSError or ValueError where there is nothing, or it is damaged or of another path."""
-    found = unsealed(memory(cache, kind, about).read_text(encoding="utf-8"))
-    if found["about"] != str(about.absolute()):
-        raise ValueError(f"it belongs to {found['about']}")
-    return dict(found)
-
-
-def memories(cache: Path, kind: str) -> Iterator[tuple[Path, Json]]:
-    """All that can be read, with the file of each."""
-    for file in (cache / kind).glob("*.json"):
-        with contextlib.suppress(OSError, ValueError):
-            yield file, unsealed(file.read_text(encoding="utf-8"))
-
-
 class ChangedFile(OSError):
     """A file is not what it was said to be."""
 
@@ -236,8 +206,7 @@ def sweep_leftovers(results: Path, cache: Path) -> None:
 
     Names that `aside_folder` and `write_aside` do not give are left alone.
     """
-    noted = (results, cache / HASHES, cache / NOTES)
-    files = [f for folder in noted for p in (".*.tmp", "*/.*.tmp") for f in folder.glob(p)]
+    files = [f for p in (".*.tmp", "*/.*.tmp") for f in results.glob(p)]
     for pattern, found in ((ASIDE_FOLDER, cache.glob("writing-*")), (ASIDE_FILE, files)):
         for f in found:
             signed = pattern.fullmatch(f.name)

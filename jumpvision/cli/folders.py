@@ -92,9 +92,10 @@ def work(
         prepare(plan)
     if isinstance(opened, Campaign):
         _say_repeated(opened)
-    elsewhere = _hand_over(opened, plan, profile, options, pipeline) if profile else None
+    if profile:
+        _run_jobs(opened, plan, profile, options, pipeline)
     many = opened if isinstance(opened, Campaign) else None
-    number = options.workers or cores()
+    number = cores() if profile else options.workers or cores()
     phases = phases_of(plan, asks=bool(many and asks(many, plan, ask)), drawn=bool(many and plan.drawn != {}))
 
     def tell(run: Run) -> None:
@@ -107,7 +108,6 @@ def work(
             plan,
             workers=number,
             watcher=progress,
-            elsewhere=elsewhere,
             ask=ask,
             draw=diagnosis_png,
             pictured=options.pictures,
@@ -176,52 +176,20 @@ def show(done: Run, options: Options, *, page: bool = False) -> int:
     return FAILED if done.failed else DONE
 
 
-def _hand_over(
-    opened: Experiment | Campaign, plan: Plan, profile: str, options: Options, pipeline: Path | None
-) -> dict[str, list[str]]:
-    """Let Snakemake compute the experiments; the reasons of those that failed, by name."""
+def _run_jobs(opened: Experiment | Campaign, plan: Plan, profile: str, options: Options, pipeline: Path | None) -> None:
+    """Let Snakemake compute the experiments."""
     from jumpvision.base.schema import InputError
-    from jumpvision.experiment.campaign.folder import grain_frames
     from jumpvision.experiment.inputs.experiment import Experiment
-    from jumpvision.experiment.workflow.cluster import hand_over
+    from jumpvision.experiment.workflow.cluster import run_jobs
 
     if isinstance(opened, Experiment):
         raise InputError([f"--profile {profile}: {opened.path} is one experiment; give a campaign, or leave it out"])
     passed = [x for text in options.set for x in ("--set", text)]
     passed += ["--pipeline", str(pipeline.absolute() if pipeline.exists() else pipeline)] if pipeline else []
+    passed += ["--model", str(options.model.absolute())] if options.model else []
     passed += ([] if options.pictures else ["--no-pictures"]) + (["--verify"] if options.verify else [])
     passed += ["--fresh-if-versions-differ"] if options.fresh_if_versions_differ else []
-    return hand_over(opened, plan, profile, options=passed, jobs=options.workers, frames=grain_frames(opened))
-
-
-def _share(path: Path, text: str, options: Options, pipeline: Path | None) -> int:
-    """One of several shares of a long grain film's pairs."""
-    from jumpvision.base.schema import InputError
-    from jumpvision.experiment.campaign.folder import results_of
-    from jumpvision.experiment.inputs.experiment import Experiment, folder_of
-    from jumpvision.experiment.workflow.run import Pipeline, Plan, read_pipeline, run_share
-
-    from . import terminal
-
-    k, _, n = text.partition("/")
-    share = (int(k), int(n)) if k.isdigit() and n.isdigit() else (0, 0)
-    if not 1 <= share[0] <= share[1] <= 10_000:
-        raise InputError([f"--share {text}: must be K/N, the K-th of N shares, e.g. 3/10"])
-    opened = _opened(path, options, (read_pipeline(pipeline) if pipeline else Pipeline()).params)
-    if not isinstance(opened, Experiment):
-        raise InputError([f"--share {text}: {path} is no experiment; give the folder of one"])
-    results = options.results or results_of(folder_of(path))
-    plan = Plan(
-        results, options.cache or results / ".cache", verify=options.verify, fresh=options.fresh_if_versions_differ
-    )
-    kept = run_share(opened, plan, "piv", share, workers=options.workers or cores())
-    what = (
-        "its pairs are kept; run without --share puts the film together"
-        if kept
-        else "this film is not divided into shares"
-    )
-    terminal.line(f"{opened.name}: share {text}: {what}")
-    return DONE
+    run_jobs(opened.path, plan, profile, options=passed, jobs=options.workers)
 
 
 @app.command
@@ -232,7 +200,6 @@ def run(
     pipeline: Path | None = None,
     profile: str | None = None,
     report: bool = True,
-    share: str = "",
     options: Options = OPTIONS,
 ) -> int:
     """Every stage that has inputs, for one experiment, a whole campaign or a folder of campaigns, then report.html.
@@ -246,15 +213,11 @@ def run(
     pipeline
         The stages to run and their parameters: granular, hard_ground, piv_only, or a TOML file of your own.
     profile
-        Hand a campaign to Snakemake: local, slurm, or a folder with config.yaml (docs/scale.md); --workers is then
-        the number of jobs at a time.
+        Run a campaign's experiments by Snakemake: local, slurm, or a folder with config.yaml (docs/scale.md); --workers
+        is then the number of jobs at a time.
     report
         Write report.html.
-    share
-        K/N: only match the K-th of N shares of an experiment's long grain film, into the cache, for several machines.
     """
-    if share:
-        return _share(path, share, options, pipeline)
     from jumpvision.experiment.campaign.folder import results_of
     from jumpvision.experiment.inputs.experiment import folder_of, folders_below
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
@@ -115,9 +114,7 @@ class Progress:
         self.jobs, self.bar = jobs_of(campaign) if campaign else {}, None
         self.films: dict[str, Phase] = {}
         self.phase: Phase | None = None
-        self.begun = False  # whether any phase has
         self.left = TimeLeft({}, workers)
-        self.lock = threading.RLock()  # the diagnosis speaks from a thread of its own while experiments end
 
     def __enter__(self) -> Self:
         return self
@@ -158,16 +155,10 @@ class Progress:
 
     def question(self, text: str) -> None:
         """A step of the diagnosis begins, or it has something to say."""
-        with self.lock:
-            if self.jobs and not self.begun:  # no experiment has ended yet
-                self._jobs(EXPERIMENTS, self.jobs)
-            if self.phase is not None and self.phase.name == EXPERIMENTS and self.left.waiting:
-                line(f"{DIAGNOSIS}, while experiments are analysed: {text}")
-                return
-            if self.phase is None or self.phase.name != DIAGNOSIS:
-                self._begin(DIAGNOSIS, None)
-            assert self.phase is not None
-            line(f"{self._numbered(DIAGNOSIS)} ({spoken(self.phase.seconds)}): {text}")
+        if self.phase is None or self.phase.name != DIAGNOSIS:
+            self._begin(DIAGNOSIS, None)
+        assert self.phase is not None
+        line(f"{self._numbered(DIAGNOSIS)} ({spoken(self.phase.seconds)}): {text}")
 
     def found(self, run: Run) -> None:
         """The verdict and the tables, before the pictures are drawn."""
@@ -185,27 +176,23 @@ class Progress:
         return f"[{self.phases.index(name) + 1}/{len(self.phases)}] {name}"
 
     def _job(self, name: str, outcome: Outcome, jobs: Mapping[str, Job]) -> None:
-        with self.lock:
-            if self.phase is None or self.phase.name != name:
-                self._jobs(name, jobs)
-            assert self.phase is not None
-            if outcome.name in self.left.waiting:
-                # what was kept from before takes no time, and tells nothing of the others
-                if outcome.computed or name == PICTURES:
-                    self.left.ended(outcome.name, outcome.seconds)
-                else:
-                    self.left.waiting.pop(outcome.name)
-            if outcome.errors and name == EXPERIMENTS:
-                line(f"{self._numbered(name)}: {outcome.name} failed")
-            self._show(self.phase, len(jobs) - len(self.left.waiting), self.left.words)
-
-    def _jobs(self, name: str, jobs: Mapping[str, Job]) -> None:
-        self._begin(name, len(jobs))
-        self.left = TimeLeft(jobs, self.workers)
+        if self.phase is None or self.phase.name != name:
+            self._begin(name, len(jobs))
+            self.left = TimeLeft(jobs, self.workers)
+        assert self.phase is not None
+        if outcome.name in self.left.waiting:
+            # what was kept from before takes no time, and tells nothing of the others
+            if outcome.computed or name == PICTURES:
+                self.left.ended(outcome.name, outcome.seconds)
+            else:
+                self.left.waiting.pop(outcome.name)
+        if outcome.errors and name == EXPERIMENTS:
+            line(f"{self._numbered(name)}: {outcome.name} failed")
+        self._show(self.phase, len(jobs) - len(self.left.waiting), self.left.words)
 
     def _begin(self, name: str, total: int | None) -> None:
         self._end()
-        self.phase, self.begun = Phase(name, total), True
+        self.phase = Phase(name, total)
 
     def _end(self) -> None:
         """The line of a phase that is over."""

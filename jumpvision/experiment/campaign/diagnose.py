@@ -34,7 +34,7 @@ from jumpvision.jumper.mechanisms.record import Mechanism
 from jumpvision.jumper.question.discovered import JumperForms
 from jumpvision.jumper.question.jumper import Jumper, content
 from jumpvision.jumper.question.jumps import Jump
-from jumpvision.jumper.question.learning import Learned, learn_noise
+from jumpvision.jumper.question.learning import learn_noise
 from jumpvision.jumper.question.suggest import suggested
 from jumpvision.jumper.question.words import Beside, diagnosis_of, values, words_of
 
@@ -94,13 +94,11 @@ def question(
     pictured: bool = True,
     say: Say,
     fresh: bool = False,
-    begun: Begun | None = None,
 ) -> tuple[Diagnosis, list[Path]]:
     """(the diagnosis, the files written into `results`); from the cache when nothing has changed.
 
-    begun: by `begin`, before all was known. pictured: its picture is among them; it is drawn and kept in any case, for
-    whoever asks the same again with it. fresh: not where other versions of the packages made it. Raises InputError when
-    there is too little to question.
+    pictured: its picture is among them; it is drawn and kept in any case, for whoever asks the same again with it.
+    fresh: not where other versions of the packages made it. Raises InputError when there is too little to question.
     """
     asked = asked_of(campaign, outcomes, say)
     digest = asked.digest()
@@ -108,9 +106,7 @@ def question(
         held = _kept(cache, digest, fresh=fresh)
         if held is None:
             with at_most(workers):
-                if begun is None or not begun.holds(asked):
-                    begun = _begun(asked, campaign.path, workers, say)
-                answer, begun = _answer(asked, begun, draw, say), None
+                answer = _answer(asked, campaign.path, workers, draw, say)
             held = _keep(cache, digest, answer, fresh=fresh), answer.data
         receipt, data = held
         names = [n for n in receipt["outputs"] if pictured or n != files.PICTURE]
@@ -201,45 +197,15 @@ def _keep(cache: Path, asked: str, answer: Answer, *, fresh: bool) -> entries.Re
     )
 
 
-class Begun(NamedTuple):
-    """What needs no grain film: the noise, and the first look at the baseline. asked: the question as it was known;
-    rng: as far as it has been drawn from."""
-
-    asked: Question
-    learned: Learned
-    found: Findings
-    rng: np.random.Generator
-
-    def holds(self, asked: Question) -> bool:
-        """Whether nothing has become known since that tells of the jumps or of the baseline's parameters."""
-        free = {p.name for p in self.learned.system.baseline}
-        now, then = ([m for m in a.measured if free & set(m.names)] for a in (asked, self.asked))
-        jumps = [a._replace(films=[], measured=m).digest() for a, m in ((asked, now), (self.asked, then))]
-        return jumps[0] == jumps[1]
-
-
 BY = ("kind",)
 
 
-def begin(campaign: Campaign, outcomes: Mapping[str, Outcome], *, workers: int, say: Say) -> Begun:
-    """The first look at a campaign whose grain films are still being matched. Raises InputError as `question` does."""
-    with at_most(workers):
-        return _begun(asked_of(campaign, outcomes, lambda _: None), campaign.path, workers, say)
-
-
-def _begun(asked: Question, path: Path, workers: int, say: Say) -> Begun:
+def _answer(asked: Question, path: Path, workers: int, draw: Draw, say: Say) -> Answer:
     try:
         learned = learn_noise(Jumper(asked.jumps, asked.ranges, asked.priors, workers, asked.own))
     except ValueError as e:
         raise InputError([f"{path}: {e}"]) from None
-    rng = np.random.default_rng(SEED)
-    problem = Problem(learned.system, learned.noise, learned.scatter, asked.measured)
-    return Begun(asked, learned, Order(problem, rng, by=BY, say=say).look(), rng)
-
-
-def _answer(asked: Question, begun: Begun, draw: Draw, say: Say) -> Answer:
-    learned, rng = begun.learned, begun.rng
-    system = learned.system
+    system, rng = learned.system, np.random.default_rng(SEED)
     problem = Problem(system, learned.noise, learned.scatter, asked.measured)
     driven = [a for e in asked.experiments if (a := e.section(Actuation)) is not None and a.moves]
 
@@ -256,7 +222,7 @@ def _answer(asked: Question, begun: Begun, draw: Draw, say: Say) -> Answer:
         offered=lambda: offer(problem, system, usual(driven), asked.ranges, asked.priors, asked.own),
         say=say,
     )
-    found = order.explain(begun.found)
+    found = order.explain(order.look())
     if not found.adequate:
         say(diagnosis_of(found, learned).sentence)
     found = worth_telling(order.foretell(found))

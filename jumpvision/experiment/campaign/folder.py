@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import functools
 import hashlib
 import io
-import threading
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -21,7 +18,7 @@ from jumpvision.base.storage import write_aside
 from jumpvision.experiment import files
 from jumpvision.experiment.inputs.experiment import Campaign, Experiment
 from jumpvision.experiment.inputs.model import ModelSpec
-from jumpvision.experiment.inputs.sections import Actuation, GrainVideo, MotorLog
+from jumpvision.experiment.inputs.sections import Actuation, MotorLog
 from jumpvision.experiment.results.summary import JumpRow
 from jumpvision.experiment.results.values import CraterShape, Intrusion
 from jumpvision.experiment.workflow.many import draw as draw_experiments
@@ -32,7 +29,7 @@ from jumpvision.experiment.workflow.run import Outcome, Plan, run_single
 if TYPE_CHECKING:
     from jumpvision.engine.document.diagnosis import Diagnosis
 
-    from .diagnose import Begun, Draw
+    from .diagnose import Draw
 
 SAMPLES = "data_samples"  # folder of the samples, into which nothing is written
 DIAGNOSED = ("rod", "bed", "flow", "fit", "doubts")  # stages whose results a diagnosis reads, or whose doubts it says
@@ -104,7 +101,6 @@ def run_folder(
     *,
     workers: int,
     watcher: Watcher | None = None,
-    elsewhere: Mapping[str, list[str]] | None = None,
     ask: bool | None = None,
     draw: Draw,
     pictured: bool = True,
@@ -112,7 +108,7 @@ def run_folder(
 ) -> Run:
     """Run the plan on every experiment, write what only a campaign shows, question its model; then draw the pictures.
 
-    workers: processes at a time; of a single experiment they share a long film. elsewhere: as in run_campaign.
+    workers: processes at a time; of a single experiment they share a long film.
     ask: question the model; None: where everything is run and there are enough jumps. draw: of the diagnosis' picture;
     pictured: whether it is put among the results.
     say: is told what the questioning finds on its way.
@@ -121,8 +117,7 @@ def run_folder(
     _apart(campaign, plan.results, single=isinstance(opened, Experiment))
     single = isinstance(opened, Experiment)
     asked = not single and asks(campaign, plan, ask)
-    early = _Early(campaign, workers, say) if asked else None
-    run = Run(campaign, single, plan, _outcomes(opened, plan, workers, watcher, elsewhere, early))
+    run = Run(campaign, single, plan, _outcomes(opened, plan, workers, watcher))
     if run.single:
         return run
     written = _tables(run)
@@ -141,7 +136,6 @@ def run_folder(
                 pictured=pictured,
                 say=say,
                 fresh=plan.fresh,
-                begun=early.begun() if early else None,
             )
         run.files += _craters(run)
         if watcher is not None:
@@ -177,47 +171,12 @@ def _digest(e: Experiment, o: Outcome) -> str:
     return hashlib.sha256("\n".join([*texts, digest_of_results(o.results)]).encode()).hexdigest()
 
 
-def _outcomes(
-    opened: Experiment | Campaign,
-    plan: Plan,
-    workers: int,
-    watcher: Watcher | None,
-    elsewhere: Mapping[str, list[str]] | None,
-    early: _Early | None,
-) -> list[Outcome]:
+def _outcomes(opened: Experiment | Campaign, plan: Plan, workers: int, watcher: Watcher | None) -> list[Outcome]:
     if isinstance(opened, Experiment):
         runs = as_campaign(opened).experiments
         return [run_single(e, plan, workers=workers, hook=watcher.frames if watcher else None) for e in runs]
     done = watcher.experiment if watcher else lambda outcome: None
-    return run_campaign(opened, plan, workers=workers, done=done, elsewhere=elsewhere, jumps=early)
-
-
-class _Early:
-    """Begins to question a campaign when all of its tracks are known, beside films, fits and doubts."""
-
-    def __init__(self, campaign: Campaign, workers: int, say: Callable[[str], None]) -> None:
-        self.campaign, self.workers, self.say = campaign, workers, say
-        self.look: Future[Begun] | None = None
-
-    def __call__(self, outcomes: Mapping[str, Outcome]) -> None:
-        self.look = Future()
-        # a daemon: a run that is interrupted does not wait for it, as it would for an executor's
-        threading.Thread(target=self._begin, args=(self.look, outcomes), daemon=True).start()
-
-    def _begin(self, look: Future[Begun], outcomes: Mapping[str, Outcome]) -> None:
-        from .diagnose import begin
-
-        try:
-            look.set_result(begin(self.campaign, outcomes, workers=self.workers, say=self.say))
-        except Exception as e:
-            look.set_exception(e)
-
-    def begun(self) -> Begun | None:
-        """What came of it; None where it was not begun, or where nothing can be asked, as the question itself says."""
-        try:
-            return self.look.result() if self.look else None
-        except ValueError:  # InputError among them
-            return None
+    return run_campaign(opened, plan, workers=workers, done=done)
 
 
 def _worth_asking(campaign: Campaign) -> bool:
@@ -298,17 +257,3 @@ def write_jumps(rows: list[JumpRow], results: Path) -> Path:
     table.writerows(plain(cells))
     write_aside(results / files.JUMPS, text.getvalue())
     return results / files.JUMPS
-
-
-def grain_frames(campaign: Campaign) -> dict[str, int]:
-    """Frames of the grain films, by experiment; of one that cannot be read its run says why."""
-    from jumpvision.experiment.stages.recordings import open_film
-
-    found = {}
-    for e in campaign.experiments:
-        film = e.section(GrainVideo)
-        with contextlib.suppress(OSError, ValueError):
-            if film is not None:
-                with open_film(film) as frames:
-                    found[e.name] = len(frames)
-    return found

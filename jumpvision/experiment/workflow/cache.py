@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from jumpvision.base.schema import InputError
-from jumpvision.base.storage import HASHES, NOTES, memories, remove_aside, sweep_leftovers
+from jumpvision.base.storage import remove_aside, sweep_leftovers
 
+from . import stamps
 from .entries import RECEIPT, CorruptEntry, marked, receipt_of
-from .unchanged import last_used
 
 SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0, "w": 7 * 86400.0}
 BYTES = {"": 1, "B": 1, "kB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
@@ -53,7 +53,7 @@ def entries_of(cache: Path) -> list[Entry]:
 
     One that vanishes meanwhile is left out, and so is whatever else lies in the folder.
     """
-    found, noted = [], last_used(cache)
+    found = []
     for folder in cache.glob("*/*"):
         if folder.is_symlink() or folder.parent.is_symlink() or not folder.is_dir():
             continue
@@ -62,11 +62,10 @@ def entries_of(cache: Path) -> list[Entry]:
             files = list(folder.iterdir())
             if any(f.name not in names or f.is_symlink() or not f.is_file() for f in files):
                 continue
-            stats, opened = [f.stat() for f in files], folder.stat().st_mtime
+            sizes, used = [f.stat().st_size for f in files], folder.stat().st_mtime
         except (CorruptEntry, FileNotFoundError, NotADirectoryError):
             continue
-        used = max(opened, *(s.st_mtime for s in stats), noted.get(folder.absolute(), 0.0))
-        found.append(Entry(cache, folder, folder.parent.name, sum(s.st_size for s in stats), used))
+        found.append(Entry(cache, folder, folder.parent.name, sum(sizes), used))
     return found
 
 
@@ -99,13 +98,9 @@ def prune(entries: Iterable[Entry]) -> int:
 
 
 def tidy(cache: Path) -> None:
-    """Remove what killed runs left, and what was remembered of files that are gone or changed since."""
+    """Remove what killed runs left, and the table of stamps, of which many may be of files that are gone."""
     sweep_leftovers(cache.parent, cache)
-    for file, noted in memories(cache, NOTES):
-        if not Path(noted["about"]).is_dir():
-            file.unlink(missing_ok=True)
-    for file, _ in memories(cache, HASHES):
-        file.unlink(missing_ok=True)  # made again at the next run, at the cost of hashing
+    stamps.remove(cache)
 
 
 def table(entries: Iterable[Entry], removed: Iterable[Entry]) -> list[dict[str, object]]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import hashlib
 import os
 import platform
 import shutil
@@ -91,12 +90,13 @@ def receipt_of(entry: Path) -> Receipt:
         raise CorruptEntry(f"{entry}: the cache holds the entry of another key there ({'/'.join(named)})")
     if lacking or not all(isinstance(w, dict) for w in found["warnings"]):
         raise CorruptEntry(f"{entry}: its receipt is of another version of jumpvision")
+    if found["versions"] == versions():
+        found["versions"] = versions()  # one object: a campaign has many receipts
     return found
 
 
-@contextlib.contextmanager
-def opened(cache: Path, stage: str, key: str) -> Iterator[Receipt]:
-    """The receipt of a whole entry of this key: files checked before the block that reads them, and looked at after it.
+def whole(cache: Path, stage: str, key: str, digest_of: Callable[[Path], str] = sha256) -> Receipt:
+    """The receipt of the entry of this key, all files of which are there and have their SHA-256, as `digest_of` says.
 
     Raises FileNotFoundError where there is none, CorruptEntry where it is damaged or not the one of this key.
     """
@@ -104,12 +104,20 @@ def opened(cache: Path, stage: str, key: str) -> Iterator[Receipt]:
     receipt = receipt_of(entry)
     if receipt["key"] != key:
         raise CorruptEntry(f"{entry}: the cache holds the entry of another key there ({receipt['key']})")
-    before = {name: stamp(entry / name) for name in receipt["outputs"]}
     for name, digest in receipt["outputs"].items():
-        if sha256(entry / name) != digest:
+        if digest_of(entry / name) != digest:
             raise CorruptEntry(f"{entry / name}: damaged in the cache")
-    with contextlib.suppress(OSError):  # when it was last used, for pruning by age; notes stamp the files in it
+    with contextlib.suppress(OSError):  # when it was last used, for pruning by age
         os.utime(entry)
+    return receipt
+
+
+@contextlib.contextmanager
+def opened(cache: Path, stage: str, key: str) -> Iterator[Receipt]:
+    """The receipt of an entry as in `whole`, for a block that reads its files: looked at before and after it."""
+    entry = place(cache, stage, key)
+    before = {name: stamp(entry / name) for name in receipt_of(entry)["outputs"]}
+    receipt = whole(cache, stage, key)
     try:
         yield receipt
     except FileNotFoundError:
@@ -164,73 +172,3 @@ def keep(
     finally:
         shutil.rmtree(aside, ignore_errors=True)
     raise AssertionError("unreachable")
-
-
-PARTS = "parts"  # stage by which parts of a long result lie in the cache
-
-
-class Parts:
-    """Finished parts of one result, entries of their own until the whole is kept (a `base.progress.Keeper`).
-
-    key: of the result; fresh: parts that other versions made are none; check: raises where the inputs are not any more
-    what the key says, before each part is kept.
-    """
-
-    def __init__(
-        self, cache: Path, stage: str, key: str, version: int, *, check: Callable[[], None], fresh: bool = False
-    ):
-        self.cache, self.whole, self.version, self.check, self.fresh = cache, f"{stage} {key}", version, check, fresh
-        self.names: set[str] = set()
-
-    def _key(self, name: str) -> str:
-        return hashlib.sha256(f"{self.whole} {name}".encode()).hexdigest()
-
-    def _receipt(self, name: str) -> Receipt:
-        receipt = receipt_of(place(self.cache, PARTS, self._key(name)))
-        if self.fresh and receipt["versions"] != versions():
-            raise FileNotFoundError
-        return receipt
-
-    def has(self, name: str) -> bool:
-        """Whether a part is there; it may still be damaged."""
-        self.names.add(name)
-        try:
-            return bool(self._receipt(name))
-        except (CorruptEntry, OSError):
-            return False
-
-    def get(self, name: str) -> bytes | None:
-        """A part as it was put; None where it is not there, or damaged."""
-        self.names.add(name)
-        key = self._key(name)
-        try:
-            self._receipt(name)
-            with opened(self.cache, PARTS, key):
-                return (place(self.cache, PARTS, key) / name).read_bytes()
-        except (CorruptEntry, OSError):
-            return None
-
-    def put(self, name: str, data: bytes) -> None:
-        """Keep a part. Raises what `check` does."""
-        self.check()
-        self.names.add(name)
-
-        def fill(folder: Path) -> None:
-            (folder / name).write_bytes(data)
-
-        keep(
-            self.cache,
-            PARTS,
-            self._key(name),
-            fill,
-            version=self.version,
-            warnings=[],
-            not_applicable=[],
-            good=lambda: self.get(name) == data,
-        )
-
-    def drop(self) -> None:
-        """Remove the parts that were asked for: the whole is kept, or they are of another recording."""
-        for name in self.names:
-            if self.has(name):
-                remove_aside(place(self.cache, PARTS, self._key(name)), self.cache)

@@ -9,13 +9,12 @@ import contextlib
 import importlib
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from sys import intern
 
 import jumpvision
-from jumpvision.base.progress import HOOK, SHARE, WORKERS, Hook, Shared, setting
-from jumpvision.base.record import Record, plain
+from jumpvision.base.progress import HOOK, WORKERS, Hook, setting
+from jumpvision.base.record import Record
 from jumpvision.base.schema import InputError, Toml, WarningRecord, closest
 from jumpvision.base.storage import sweep_leftovers
 from jumpvision.experiment.inputs.experiment import Experiment
@@ -23,10 +22,9 @@ from jumpvision.experiment.inputs.model import tables_of
 from jumpvision.experiment.inputs.sections import NotApplicable
 from jumpvision.experiment.results.summary import UNKNOWN, Summary
 
-from . import unchanged
 from .entries import versions
 from .provenance import settle
-from .stage import STAGES, Stage, declared, results_stages, stage_named
+from .stage import STAGES, Stage, declared, results_stages
 from .workspace import NotCached, Step, Workspace
 
 
@@ -140,9 +138,6 @@ def run_experiment(
     pictures are then computed, and what failed is not tried again.
     """
     began = time.perf_counter()
-    key = unchanged.key_of(experiment, plan.stages, plan.pictures, plan.to_draw(experiment.name), plan.fresh)
-    if before is None and not plan.verify and (known := _as_noted(experiment, plan, results, key)):
-        return replace(known, seconds=time.perf_counter() - began)
     for module in plan.pictures:
         importlib.import_module(module)
     computes = "nothing" if only_cached else "pictures" if before else "all"
@@ -160,7 +155,10 @@ def run_experiment(
                 outcome.not_run.append(why)
             continue
         try:
-            workspace.make(output)
+            if output is Summary:
+                outcome.summary = workspace.make(Summary)
+            else:
+                workspace.complete(output)
         except NotCached:
             if before is None:
                 raise
@@ -178,48 +176,13 @@ def run_experiment(
         hook("pictures drawn", len(pictures), len(pictures))
     already = {s.stage: s for s in before.steps} if before else {}
     outcome.steps = [already.get(s.stage, s) for s in workspace.steps]
-    if isinstance(found := workspace.records.get(Summary), Summary):
-        outcome.summary = found
     try:
         outcome.notes = settle(workspace, plan.command)
     except (OSError, InputError) as e:
         said = explain(e, "provenance", experiment.path)
         outcome.errors += [text for text in said if text not in outcome.errors]
     outcome.seconds = time.perf_counter() - began + (before.seconds if before else 0.0)
-    if not outcome.errors and not outcome.notes:
-        _note(workspace, outcome, key)
     return outcome
-
-
-def _as_noted(experiment: Experiment, plan: Plan, results: Path, key: str) -> Outcome | None:
-    """What became of an experiment, where all is as an earlier run noted it."""
-    noted = unchanged.noted(plan.cache, results, key)
-    if noted is None:
-        return None
-    steps = [_noted(**s) for s in noted["steps"]]
-    summary = Summary.of(noted["summary"]) if noted["summary"] else UNKNOWN
-    known = Outcome(experiment.name, results, steps, not_run=[*map(intern, noted["not_run"])], summary=summary)
-    return None if plan.fresh and known.older else known
-
-
-def _noted(
-    stage: str, warnings: list[WarningRecord], versions: Mapping[str, str], files: Mapping[str, str], **_: object
-) -> Step:
-    """A step as of now, one for all experiments whose steps are alike: there may be 10,000. Key and digests, which only
-    who looks into the results asks for, are left in the note."""
-    step = Step(stage, "cached", 0.0, warnings, "", versions, dict.fromkeys(files, ""))
-    return step if warnings else STEPS.setdefault((stage, *versions.items(), *files), step)
-
-
-STEPS: dict[tuple[object, ...], Step] = {}
-
-
-def _note(workspace: Workspace, outcome: Outcome, key: str) -> None:
-    """For `_as_noted`. A note that cannot be written is none: the run has done its work."""
-    summary = outcome.summary.values if outcome.summary else {}
-    noted = plain({"steps": [asdict(s) for s in outcome.steps], "not_run": outcome.not_run, "summary": summary})
-    with contextlib.suppress(OSError, InputError):
-        unchanged.note(workspace, key, noted)
 
 
 def wanted(plan: Plan, name: str) -> Iterator[tuple[type, Stage]]:
@@ -253,22 +216,6 @@ def no_leftovers(plan: Plan) -> Iterator[None]:
         yield
     finally:
         sweep_leftovers(plan.results, plan.cache)
-
-
-def run_share(experiment: Experiment, plan: Plan, stage: str, share: tuple[int, int], *, workers: int) -> bool:
-    """The k-th of n shares of a stage's long work, kept in the cache for whoever asks for the whole; False where there
-    is nothing to share: the whole is there, or too little to be kept in parts. Raises InputError where it cannot be
-    made, and what the stage raises."""
-    output = stage_named(stage).output
-    workspace = Workspace(experiment, plan.results, plan.cache, verify=plan.verify, fresh=plan.fresh)
-    if why := workspace.missing(output):
-        raise InputError([f"{experiment.path}: {why}"])
-    with setting(SHARE, share), setting(WORKERS, workers):
-        try:
-            workspace.make(output)
-        except Shared as e:
-            return bool(e.args)
-    return False
 
 
 def run_single(experiment: Experiment, plan: Plan, *, workers: int, hook: Hook | None) -> Outcome:

@@ -1,41 +1,33 @@
 """Stages run on an experiment, their results kept.
 
 `Workspace.make(Track)` walks back from the wanted record, computes what is missing or changed and keeps each result
-under the hash of its inputs, parameters and version (`entries`). A recording that changes while it is read is no input.
+under the hash of its inputs, parameters and version (`entries`). A record is read only where it is asked for, or where
+another is computed from it. A recording that changes while it is read is no input.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import functools
 import hashlib
 import json
 import os
-import sys
 import time
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from jumpvision.base.progress import KEEPER, Shared, setting
 from jumpvision.base.record import Record
 from jumpvision.base.schema import InputError, WarningRecord, read, warnings_in
-from jumpvision.base.storage import (
-    ChangedFile,
-    Stamp,
-    copy_aside,
-    sha256,
-    stamp,
-)
+from jumpvision.base.storage import ChangedFile, Stamp, copy_aside, remove_aside, sha256, stamp
 from jumpvision.experiment.inputs.experiment import Experiment
 from jumpvision.experiment.inputs.sections import MissingKey, NotApplicable, Section
 
 from . import entries
 from .entries import ATTEMPTS, CorruptEntry, Receipt
-from .hashes import NOTHING, Hashed, Hashes
 from .stage import STAGES, Input, Said, Stage, StageWarning, results_stages
+from .stamps import Stamps, text_of
 
 R = TypeVar("R", bound=Record)
 
@@ -79,9 +71,11 @@ class Workspace:
         self.experiment, self.results, self.cache, self.verify = experiment, Path(results), Path(cache), verify
         self.computes, self.fresh = computes, fresh
         self.steps: list[Step] = []
-        self._made: dict[type, tuple[str, Record]] = {}
+        self._keys: dict[type, str] = {}  # of the records that are in the cache
+        self._records: dict[type, Record] = {}  # those of them that were read
         self._failed: dict[type, Exception] = {}
-        self._hashes = Hashes(self.cache, verify=verify)
+        self._lacks: dict[type, str] = {}  # what `_lack` has found
+        self._stamps = Stamps(self.cache, verify=verify)
         self._published: dict[Path, Stamp] = {}
 
     # -- what can be made ------------------------------------------------------------------------------------
@@ -93,6 +87,11 @@ class Workspace:
 
     def _lack(self, kind: type) -> str:
         """The sections that are missing for a section or record to be there; "" when it can be had."""
+        if kind not in self._lacks:
+            self._lacks[kind] = self._found_lacking(kind)
+        return self._lacks[kind]
+
+    def _found_lacking(self, kind: type) -> str:
         if issubclass(kind, Section):
             return "" if self.experiment.section(kind) is not None else f"[{kind.name}]"
         if kind is Experiment or kind is Said:
@@ -110,12 +109,35 @@ class Workspace:
 
     def make(self, output: type[R]) -> R:
         """The record, from the cache or computed, and its file in the results folder."""
-        return cast(R, self._make(output)[1])
+        for attempt in range(ATTEMPTS):
+            key, name = self.complete(output), STAGES[output].name
+            if output in self._records:
+                break
+            entry = entries.place(self.cache, name, key)
+            try:
+                with entries.opened(self.cache, name, key):
+                    self._records[output] = output.load(entry)
+            except (FileNotFoundError, CorruptEntry) as e:
+                if attempt == ATTEMPTS - 1:
+                    raise
+                if isinstance(e, CorruptEntry):
+                    warnings.warn(StageWarning("cache", f"{e}; computed again"), stacklevel=2)
+                    remove_aside(entry, self.cache)
+                del self._keys[output]
+                self.steps = [s for s in self.steps if s.stage != name]
+        return cast(R, self._records[output])
 
-    @property
-    def records(self) -> dict[type, Record]:
-        """The records made so far, by type."""
-        return {output: record for output, (_, record) in self._made.items()}
+    def complete(self, output: type) -> str:
+        """The key of a record that is in the cache, computed where it was not, its file in the results folder."""
+        if output in self._failed:
+            raise self._failed[output]
+        if output not in self._keys:
+            try:
+                self._keys[output] = self._complete(STAGES[output])
+            except Exception as e:
+                self._failed[output] = e
+                raise
+        return self._keys[output]
 
     @property
     def failed(self) -> set[type]:
@@ -127,19 +149,16 @@ class Workspace:
 
         Raises MissingKey or InputError where it cannot be made.
         """
-        if output in self._made:
-            return self._made[output][0]
-        made = STAGES[output]
+        if output in self._keys:
+            return self._keys[output]
         if why := self.missing(output):
             raise MissingKey([why])
-        return self._hashed(made, {i.name: self._identity(i) for i in made.inputs})
+        return self._hashed(STAGES[output], self._key_unless_nothing)
 
-    def _identity(self, i: Input) -> object:
-        if i.type not in STAGES:
-            return self._input(i)[0]
-        if self._lack(i.type) or (i.optional and self._nothing_to_do(i.type)):
-            return None
-        return self.key(i.type)
+    def _key_unless_nothing(self, output: type) -> str:
+        if self._nothing_to_do(output):
+            raise NotApplicable([])
+        return self.key(output)
 
     def said(self) -> Said:
         """What the stages that make results had to say, made now or in the cache; not those that read it themselves."""
@@ -168,6 +187,8 @@ class Workspace:
         try:
             entry = entries.place(self.cache, STAGES[output].name, self.key(output))
             return bool(entries.receipt_of(entry)["not_applicable"])
+        except NotApplicable:
+            return True
         except (CorruptEntry, OSError):
             return False
 
@@ -181,6 +202,7 @@ class Workspace:
         for _ in range(ATTEMPTS):
             lost = [s for s in self.steps if any(not self._untouched(name) for name in s.files)]
             if not lost:
+                self._stamps.save()
                 return
             for s in lost:
                 self._publish(entries.place(self.cache, s.stage, s.key), s.files)
@@ -194,57 +216,43 @@ class Workspace:
         except OSError:
             return False
 
-    def _make(self, output: type) -> tuple[str, Record]:
-        if output in self._made:
-            return self._made[output]
-        if output in self._failed:
-            raise self._failed[output]
-        try:
-            self._made[output] = self._resolve(output)
-        except Exception as e:
-            self._failed[output] = e
-            raise
-        return self._made[output]
-
-    def _resolve(self, output: type) -> tuple[str, Record]:
-        made = STAGES[output]
-        why = self.missing(output)
-        if why:
+    def _complete(self, made: Stage) -> str:
+        if why := self.missing(made.output):
             raise MissingKey([f"{self.experiment.path / 'experiment.toml'}: {why}"])
-        keys: dict[str, object] = {}
-        arguments: dict[str, object] = {}
-        for i in made.inputs:
-            keys[i.name], arguments[i.name] = self._input(i)
-        if made.params:
-            arguments["p"] = self.parameters(made)
-        key = self._hashed(made, keys)
-        entry = entries.place(self.cache, made.name, key)
-        began = time.perf_counter()
+        key, began = self._hashed(made, self.complete), time.perf_counter()
         for attempt in range(ATTEMPTS):
             try:
-                record, receipt = self._load(key, output)
-                state = "cached"
+                receipt, state = self._receipt(made, key), "cached"
             except (FileNotFoundError, CorruptEntry) as e:
                 if self.computes == "nothing" or (self.computes == "pictures" and not made.picture):
                     raise NotCached(made.name) from None
                 if isinstance(e, CorruptEntry):
                     warnings.warn(StageWarning("cache", f"{e}; computed again"), stacklevel=2)
-                record, receipt = self._compute(made, arguments, key)
-                state = "computed"
+                receipt, state = self._compute(made, key), "computed"
+            if receipt["not_applicable"]:
+                raise NotApplicable(receipt["not_applicable"])
             try:
-                self._publish(entry, receipt["outputs"])
+                self._publish(entries.place(self.cache, made.name, key), receipt["outputs"])
                 break
             except (FileNotFoundError, ChangedFile):  # the entry was pruned, or mended by another run, in between
                 if attempt == ATTEMPTS - 1:
                     raise
         seconds, notes = time.perf_counter() - began, receipt["warnings"]
         self.steps.append(Step(made.name, state, seconds, notes, key, receipt["versions"], receipt["outputs"]))
-        return key, record
+        return key
 
-    def _hashed(self, made: Stage, keys: Mapping[str, object]) -> str:
-        """The key of a stage whose inputs have these."""
+    def _receipt(self, made: Stage, key: str) -> Receipt:
+        """Of a whole entry. Raises as `entries.whole` does, FileNotFoundError also where it is to be made anew."""
+        receipt = entries.whole(self.cache, made.name, key, self._stamps.of_file)
+        if self.fresh and receipt["versions"] != entries.versions():
+            raise FileNotFoundError
+        return receipt
+
+    def _hashed(self, made: Stage, key_of: Callable[[type], str]) -> str:
+        """The key of a stage whose inputs that are records have the keys of `key_of`."""
+        keys: dict[str, object] = {i.name: self._identity(i, key_of) for i in made.inputs}
         if made.params:
-            keys = {**keys, "p": dataclasses.asdict(self.parameters(made))}
+            keys["p"] = dataclasses.asdict(self.parameters(made))
         text = json.dumps([made.name, made.version, keys], sort_keys=True, default=str)
         return hashlib.sha256(text.encode()).hexdigest()
 
@@ -255,35 +263,46 @@ class Workspace:
             raise MissingKey(problems)
         return obj
 
-    def _input(self, i: Input) -> tuple[object, object]:
-        """(what identifies it, the argument)."""
+    def _identity(self, i: Input, key_of: Callable[[type], str]) -> object:
+        """What identifies an input, None where it is not there."""
         if i.type is Said:
-            return (said := self.said()), said
+            return self.said()
         if i.type is Experiment:
             e = self.experiment
-            return [e.name, e.header.group, e.ground], e
+            return [e.name, e.header.group, e.ground]
         if issubclass(i.type, Section):
             section = self.experiment.section(i.type)
             if section is None:
-                return None, None
+                return None
             values = dataclasses.asdict(section)
             path = values.pop("path", None)  # the same recording elsewhere is the same input
-            return ([values, self._hashes.of_recording(path)] if path else values), section
+            return [values, self._stamps.of_recording(path)] if path else values
         if self._lack(i.type):
-            return None, None
+            return None
         try:
-            return self._make(i.type)
+            return key_of(i.type)
         except NotApplicable:
             if i.optional:
-                return None, None
+                return None
             raise
 
-    def _compute(self, made: Stage, arguments: Mapping[str, object], key: str) -> tuple[Record, Receipt]:
+    def _argument(self, i: Input) -> object:
+        """An input as its stage takes it."""
+        if i.type is Said:
+            return self.said()
+        if i.type is Experiment:
+            return self.experiment
+        if issubclass(i.type, Section):
+            return self.experiment.section(i.type)
+        there = not self._lack(i.type) and not isinstance(self._failed.get(i.type), NotApplicable)
+        return self.make(cast(type[Record], i.type)) if there else None
+
+    def _compute(self, made: Stage, key: str) -> Receipt:
+        arguments = {i.name: self._argument(i) for i in made.inputs}
+        if made.params:
+            arguments["p"] = self.parameters(made)
         record, nothing_to_do = None, []  # a stage that finds nothing to do is remembered like a result
-        # to look at more than 16 files before each part is kept would take long
-        check = functools.partial(self._read_what_was_hashed, made, 16)
-        parts = entries.Parts(self.cache, made.name, key, made.version, check=check, fresh=self.fresh)
-        with setting(KEEPER, parts), warnings.catch_warnings(record=True) as caught:
+        with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", StageWarning)
             try:
                 record = made.called_with(arguments)
@@ -291,9 +310,6 @@ class Workspace:
                 nothing_to_do = e.problems
             except MissingKey as e:
                 raise MissingKey([f"{self.experiment.path / 'experiment.toml'}: {p}" for p in e.problems]) from None
-            except Shared:
-                self._keep_only_of_what_was_hashed(made, parts)
-                raise
             except Exception as e:
                 e.add_note(f"in stage '{made.name}' of {self.experiment.path}")
                 raise
@@ -302,7 +318,7 @@ class Workspace:
         for w in caught:
             if not issubclass(w.category, StageWarning):
                 warnings.warn_explicit(w.message, w.category, w.filename, w.lineno)
-        self._keep_only_of_what_was_hashed(made, parts)
+        self._read_what_was_hashed(made)
         receipt = entries.keep(
             self.cache,
             made.name,
@@ -311,67 +327,38 @@ class Workspace:
             version=made.version,
             warnings=notes,
             not_applicable=nothing_to_do,
-            good=lambda: self._good(key, made.output),
+            good=lambda: self._is_whole(made, key),
         )
-        parts.drop()
-        if record is None:
-            raise NotApplicable(nothing_to_do)
-        return record, receipt
+        if record is not None:
+            self._records[made.output] = record
+        return receipt
 
-    def _load(self, key: str, output: type[Record]) -> tuple[Record, Receipt]:
-        """The record and receipt of a whole, undamaged entry; NotApplicable where it says that there is none."""
-        with entries.opened(self.cache, STAGES[output].name, key) as receipt:
-            if self.fresh and receipt["versions"] != entries.versions():
-                raise FileNotFoundError
-            folder = entries.place(self.cache, receipt["stage"], key)
-            record = None if receipt["not_applicable"] else output.load(folder)
-        if record is None:
-            raise NotApplicable(receipt["not_applicable"])
-        return record, receipt
-
-    def _good(self, key: str, output: type[Record]) -> bool:
+    def _is_whole(self, made: Stage, key: str) -> bool:
         try:
-            self._load(key, output)
-        except NotApplicable:
-            return True
+            receipt = entries.whole(self.cache, made.name, key)
         except (FileNotFoundError, CorruptEntry):
             return False
-        return True
+        return not self.fresh or receipt["versions"] == entries.versions()
 
     def _publish(self, entry: Path, outputs: Mapping[str, str]) -> None:
         """The result files beside the others; replaced in one step where they differ."""
         self.results.mkdir(parents=True, exist_ok=True)
         for name, digest in outputs.items():
             target = self.results / name
-            if not target.exists() or self._hashes.of_file(target) != digest:
+            if not target.exists() or self._stamps.of_file(target) != digest:
                 copy_aside(entry / name, target, digest)
             self._published[target] = stamp(target)
 
     # -- hashes ----------------------------------------------------------------------------------------------
 
     @property
-    def recordings(self) -> Mapping[Path, Hashed]:
-        """The recordings that were read, as sections name them: their files, each as it was hashed."""
-        return self._hashes.read
-
-    @property
     def inputs(self) -> dict[str, str]:
         """SHA-256 of what was read, by its name in provenance.json."""
         out: dict[str, str] = {}
-        for files in self.recordings.values():
+        for files in self._stamps.recordings.values():
             before = self._relative(os.path.join(files.folder, "x"))[:-1]  # what stands before a name
             out.update((before + name, digest) for name, (_, digest, _) in zip(files.names, files))
         return out
-
-    def counted(self) -> Iterator[tuple[Path, Stamp, str]]:
-        """(file, stamp, SHA-256) of the results; of what they were kept as in the cache "" for it."""
-        found = [(entries.place(self.cache, s.stage, s.key), s.files) for s in self.steps]
-        # the first that raised it: those that read its record have no entry of their own
-        nothing = {e: o for o, e in reversed(self._failed.items()) if isinstance(e, NotApplicable)}.values()
-        found += [(entries.place(self.cache, STAGES[o].name, self.key(o)), {}) for o in nothing]
-        for entry, outputs in found:
-            yield from ((self.results / n, self._published[self.results / n], digest) for n, digest in outputs.items())
-            yield from ((f, stamp(f), "") for f in (entry / entries.RECEIPT, *(entry / n for n in outputs)))
 
     def _relative(self, file: str) -> str:
         """A recording's name in provenance.json; whole where it lies on another drive."""
@@ -380,22 +367,13 @@ class Workspace:
         except ValueError:
             return Path(file).as_posix()
 
-    def _keep_only_of_what_was_hashed(self, made: Stage, parts: entries.Parts) -> None:
-        try:
-            self._read_what_was_hashed(made)
-        except InputError:
-            parts.drop()
-            raise
-
-    def _read_what_was_hashed(self, made: Stage, most: int = sys.maxsize) -> None:
-        """What a stage has read is what its key says: a recording that was exchanged meanwhile is another one. most:
-        files of a recording that are looked at, else none."""
+    def _read_what_was_hashed(self, made: Stage) -> None:
+        """What a stage has read is what its key says: a recording that was exchanged meanwhile is another one."""
         for i in made.inputs:
             section = self.experiment.section(i.type) if issubclass(i.type, Section) else None
-            files = self.recordings.get(getattr(section, "path", None), NOTHING)  # type: ignore[arg-type]
-            for f, digest, at in files if len(files) <= most else ():
+            for f, digest, at in self._stamps.recordings.get(getattr(section, "path", Path()), ()):
                 try:
-                    same = stamp(f) == at or sha256(Path(f)) == digest
+                    same = text_of(stamp(f)) == at or sha256(Path(f)) == digest
                 except OSError:
                     same = False
                 if not same:

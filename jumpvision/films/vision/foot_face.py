@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -25,18 +24,6 @@ class FootTrack:
     sigma: Array  # (n,) [px], standard uncertainty without the error of the face's place on the body (below)
     flag: NDArray[np.str_]  # (n,) empty when good, else the reason
     offset_sigma: float  # [px], standard uncertainty of that place, shared by all rows of a textured body
-
-    def as_bytes(self) -> bytes:
-        """It, to be kept."""
-        out = io.BytesIO()
-        np.savez(out, row=self.row, sigma=self.sigma, flag=self.flag, offset=self.offset_sigma)
-        return out.getvalue()
-
-    @classmethod
-    def of_bytes(cls, data: bytes) -> FootTrack:
-        """The track of `as_bytes`."""
-        with np.load(io.BytesIO(data)) as kept:
-            return cls(kept["row"], kept["sigma"], kept["flag"], float(kept["offset"]))
 
 
 def track_foot(

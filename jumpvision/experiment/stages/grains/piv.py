@@ -17,7 +17,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
-from jumpvision.base.progress import KEEPER, SHARE, WORKERS, Shared, in_parts, share_of, watch
+from jumpvision.base.progress import WORKERS, in_parts, watch
 from jumpvision.experiment.inputs.sections import Calibration, GrainMask, GrainVideo, PivField, Robot, lacking
 from jumpvision.experiment.results.fields import Piv
 from jumpvision.experiment.stages.recordings import open_grains
@@ -29,14 +29,12 @@ from jumpvision.films.vision.compression import coding
 from jumpvision.films.vision.foot_face import FootTrack, track_foot
 from jumpvision.films.vision.piv.engine import Usable
 from jumpvision.films.vision.piv.light import Light, light_of
-from jumpvision.films.vision.piv.pair import VectorField, packed, unpacked
+from jumpvision.films.vision.piv.pair import VectorField
 
 from .masks import both, foot_mask, given_mask, half_width
 from .vectors import foreign_field
 
 PART, LONG = 16, 64  # pairs a process matches at a time; from so many on several processes are worth their start
-KEPT = 512  # pairs: from so many on finished parts are kept, for a run that is killed or shared
-FOOT = "foot.npz"  # the part that is kept of a foot
 
 
 def needs_of_piv(film: GrainVideo | None) -> list[str]:
@@ -179,45 +177,16 @@ def ready(
 
 
 def matched(frames: Film, job: Job, usable: Usable | None) -> Iterator[VectorField]:
-    """Fields of all pairs; those of a long film PART pairs at a time, by several processes, kept as they come.
-
-    Raises Shared where only a share of them was asked for.
-    """
+    """Fields of all pairs; those of a long film PART pairs at a time, by several processes."""
     p, stride = job.p, job.stride
     pairs = (len(frames) - p.gap - 1) // stride + 1
-    size = p.ensemble * max(1, PART // p.ensemble)
-    keeper, share, workers = KEEPER.get(), SHARE.get(), WORKERS.get()
-    keeper = keeper if pairs >= KEPT else None
-    alone = keeper is None and (workers == 1 or pairs < LONG)
-    if p.baseline > 1 or alone:  # longer baselines reach beyond a part
-        if share is not None:
-            raise Shared
+    if WORKERS.get() == 1 or pairs < LONG or p.baseline > 1:  # longer baselines reach beyond a part
         yield from job.fields(watch(frames, "frames matched", len(frames)), 0, usable)
         return
+    size = p.ensemble * max(1, PART // p.ensemble)
     parts = [(first * stride, min(first + size, pairs) * stride) for first in range(0, pairs, size)]
-    if share is not None:
-        parts = list(share_of(parts, share))
-    there = {part for part in parts if keeper is not None and keeper.has(named(part))}
-    left = [part for part in parts if part not in there]
-    made = in_parts(_part, left, job) if workers > 1 else (job.part(frames, usable, part) for part in left)
-    for part in watch(parts, "parts matched", len(parts)):
-        if share is not None and part in there:
-            continue
-        data = keeper.get(named(part)) if keeper is not None and part in there else None
-        if data is not None:
-            yield from unpacked(data)
-            continue
-        fields = job.part(frames, usable, part) if part in there else next(made)  # there, but damaged
-        if keeper is not None:
-            keeper.put(named(part), packed(fields))
+    for fields in watch(in_parts(_part, parts, job), "parts matched", len(parts)):
         yield from fields
-    if share is not None:
-        raise Shared("piv")
-
-
-def named(part: tuple[int, int]) -> str:
-    """Of a part that is kept."""
-    return f"frames-{part[0]}-{part[1]}.npz"
 
 
 def _part(part: tuple[int, int], job: Job) -> list[VectorField]:
@@ -250,21 +219,14 @@ def follow_foot(frames: Film, film: GrainVideo, robot: Robot | None, p: PivParam
             f"[{lowest}, {highest}] px, the column inside the {frames.shape[1]} columns of the film"
         )
     half = half_width(film, robot)
-    keeper = KEEPER.get() if len(frames) >= KEPT else None
-    known = keeper.get(FOOT) if keeper is not None else None
-    if known is not None:
-        found = FootTrack.of_bytes(known)
-    else:
-        found = track_foot(
-            watch(frames, "frames searched for the foot", len(frames)),
-            row=film.foot_row,
-            column=film.axis_column,
-            half_width=min(0.8 * half, frames.shape[1] / 2) if half else frames.shape[1] / 4,
-            depth=p.foot_rows,
-            search=8.0,  # px, largest change of the foot's motion from frame to frame
-        )
-    if keeper is not None and known is None:
-        keeper.put(FOOT, found.as_bytes())
+    found = track_foot(
+        watch(frames, "frames searched for the foot", len(frames)),
+        row=film.foot_row,
+        column=film.axis_column,
+        half_width=min(0.8 * half, frames.shape[1] / 2) if half else frames.shape[1] / 4,
+        depth=p.foot_rows,
+        search=8.0,  # px, largest change of the foot's motion from frame to frame
+    )
     lost = np.flatnonzero(~np.isfinite(found.row))
     if lost.size:
         said = f"foot lost in {lost.size} of {len(frames)} frames (first {lost[0]})"

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import io
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,26 +79,6 @@ class VectorField:
     matched: Array  # (4, ny, nx) [px] u, v and their sigmas unsmoothed: for means and fits
     gradient: Array  # (2, 2, ny, nx) [1], [[u_x, u_y], [v_x, v_y]] fitted inside the window, NaN where not measured
     gradient_sigma: Array  # (2, 2, ny, nx) [1], standard uncertainty
-
-
-HELD = "u", "v", "u_sigma", "v_sigma", "correlation", "reason", "u_raw", "v_raw", "matched"  # of a field that is kept
-
-
-def packed(fields: Sequence[VectorField]) -> bytes:
-    """Fields of one grid as bytes, without their gradients."""
-    planes: Any = {n: np.stack([getattr(f, n) for f in fields]) for n in HELD}
-    out = io.BytesIO()
-    np.savez_compressed(out, x=fields[0].x, y=fields[0].y, **planes)
-    return out.getvalue()
-
-
-def unpacked(data: bytes) -> Iterator[VectorField]:
-    """The fields of `packed`."""
-    none = np.empty((2, 2, 0, 0))
-    with np.load(io.BytesIO(data)) as kept:
-        planes, x, y = {n: kept[n] for n in HELD}, kept["x"], kept["y"]
-    for k in range(len(planes["u"])):
-        yield VectorField(x, y, **{n: a[k] for n, a in planes.items()}, gradient=none, gradient_sigma=none)
 
 
 def coded_apart(f: VectorField, coded: float) -> VectorField:
