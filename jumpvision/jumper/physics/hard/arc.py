@@ -16,7 +16,7 @@ import math
 import numba as nb
 
 from jumpvision.base.arrays import Array
-from jumpvision.jumper.physics.forcing import INLINE, KERNEL, NEAR, exp_near, sincos, sincos_near
+from jumpvision.jumper.physics.forcing import INLINE, KERNEL, sincos
 
 Arc = tuple[float, ...]
 
@@ -131,22 +131,6 @@ def _resonant(arc: Arc, s: float) -> tuple[float, float]:
 
 
 @nb.njit(**INLINE)
-def is_odd(arc: Arc, longest: float) -> bool:
-    """Whether `rod_near` does not know the arc for as long as that [s]."""
-    turned = abs(arc[PHASE]) + max(arc[OMEGA], arc[OMEGA_D]) * longest
-    return arc[KIND] > UNDER or not turned < NEAR
-
-
-@nb.njit(**INLINE)
-def rod_near(arc: Arc, s: float, sin: float, cos: float) -> tuple[float, float]:
-    """x [m] and x' [m/s] at s of an arc that is not odd, without a branch; sin and cos of omega s + phase."""
-    x, v = _particular(arc, s, sin, cos)
-    decay = exp_near(-arc[GAMMA] * s)
-    sn, c = sincos_near(arc[OMEGA_D] * s)
-    return _with_free(arc, x, v, decay * c, decay * sn / arc[OMEGA_D])
-
-
-@nb.njit(**INLINE)
 def _particular(arc: Arc, s: float, sin: float, cos: float) -> tuple[float, float]:
     om = arc[OMEGA]
     x = ((arc[P3] * s + arc[P2]) * s + arc[P1]) * s + arc[P0] + (arc[PS] * sin + arc[PC] * cos)
@@ -155,20 +139,8 @@ def _particular(arc: Arc, s: float, sin: float, cos: float) -> tuple[float, floa
 
 
 @nb.njit(**INLINE)
-def _with_free(arc: Arc, x: float, v: float, c: float, sn: float) -> tuple[float, float]:
-    """x and v with the free motion, C = c and S = sn: (a C + b S)' with b = v + gamma a, C' = -gamma C - Omega^2 S,
-    S' = C - gamma S."""
-    gam = arc[GAMMA]
-    x += arc[HA] * c + arc[HB] * sn
-    v += (arc[HB] - gam * arc[HA]) * c - (gam * arc[HB] + (arc[W2] - gam * gam) * arc[HA]) * sn
-    return x, v
-
-
-@nb.njit(**INLINE)
 def rod(arc: Arc, s: float, sin: float, cos: float) -> tuple[float, float]:
     """x [m] and x' [m/s] at s; sin and cos of omega s + phase."""
-    if not is_odd(arc, s):
-        return rod_near(arc, s, sin, cos)
     gam = arc[GAMMA]
     if arc[KIND] == RESONANT:
         x, v = _particular(arc, s, 0.0, 0.0)
@@ -186,8 +158,10 @@ def rod(arc: Arc, s: float, sin: float, cos: float) -> tuple[float, float]:
     else:
         decay = math.exp(-gam * s)
         sn, c = sincos(arc[OMEGA_D] * s)
-        c, sn = decay * c, decay * sn / arc[OMEGA_D]
-    return _with_free(arc, x, v, c, sn)
+        c, sn = decay * c, decay * (sn / arc[OMEGA_D])
+    # (a C + b S)' with b = v + gamma a, C' = -gamma C - Omega^2 S, S' = C - gamma S
+    x += arc[HA] * c + arc[HB] * sn
+    return x, v + (arc[HB] - gam * arc[HA]) * c - (gam * arc[HB] + (arc[W2] - gam * gam) * arc[HA]) * sn
 
 
 @nb.njit(**INLINE)

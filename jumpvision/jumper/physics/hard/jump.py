@@ -1,7 +1,7 @@
 """Exact jumps on hard ground (docs/physics.md section 2, m_f = 0): one jump in full, or the results of millions.
 
 Between lift-offs and landings the flow is linear and known in closed form (`arc`); only event times are iterated
-(`lanes`, `flow`). Velocity steps of the law are impulses: the centre of mass y = x_r + (m_m/M) X_m and its velocity do
+(`flow`). Velocity steps of the law are impulses: the centre of mass y = x_r + (m_m/M) X_m and its velocity do
 not jump, the rod's velocity jumps by -(m_m/M) times the step.
 """
 
@@ -21,7 +21,7 @@ from jumpvision.jumper.physics.forcing import KERNEL, Forcing, Segments
 from jumpvision.jumper.physics.oscillator import natural_frequency
 
 from .arc import AIR, ARC_SIZE, KIND, evaluate
-from .flow import RAW, follow_jumps, motor, numbers
+from .flow import follow_jump, motor
 
 # name: unit, lowest, whether the lowest itself is allowed
 RANGES = {
@@ -79,6 +79,9 @@ RESULTS = (
     "peak_force_N",
     "peak_motor_speed",
 )
+
+
+OF_SEGMENT = [0, 1, 2, 6, 7, 8]  # columns of a piece (arc.make_arc) that a row of Segments fills
 
 
 @dataclass(frozen=True)
@@ -156,16 +159,15 @@ def hard_jump(
 
     mass = motor_mass + rod_mass
     q, w2, gam = motor_mass / mass, stiffness / mass, damping / (2.0 * mass)
-    values = np.array(list(robot.values()))[:, None]
-    size, out = 64 + 8 * len(pieces), np.empty((RAW, 1))
+    values, size = np.array(list(robot.values())), 64 + 8 * len(pieces)
     while True:
         rows, flights = np.empty((size, 1 + ARC_SIZE)), np.empty((size, 2))
-        follow_jumps(0, 1, pieces[None], values, t_end, rows, flights, out)
-        n_arcs, n_flights, n_jumps = out[:3, 0].astype(int)
+        n_arcs, n_flights, n_jumps, _, com, rod, longest, power, force, airborne = follow_jump(
+            pieces, values, float(t_end), rows, flights
+        )
         if n_arcs <= size:
             break
         size = n_arcs
-    _, com, rod, longest, power, force, airborne = out[3:, 0].tolist()
     flights = flights[:n_flights]
     x, v, x_motor, f_s = _sample(rows[:n_arcs], pieces[0], times, q, gravity, w2, gam)
     cut = airborne and longest == 0.0
@@ -224,10 +226,12 @@ def hard_sweep(
     shape = np.broadcast_shapes(laws.shape[:-2], *(np.shape(v) for v in values.values()))
     one = all(np.size(v) == 1 for v in values.values())
     each = [np.broadcast_to(np.asarray(v, float), (1,) * len(shape) if one else shape) for v in values.values()]
-    robots = np.stack([v.ravel() for v in each])
-    rows = np.broadcast_to(laws, (*shape, *laws.shape[-2:])).reshape(-1, *laws.shape[-2:])
-    out = np.empty((len(RESULTS), rows.shape[0]))
-    _sweep(len(rows), np.require(rows, requirements=["C", "W"]), robots, out)
+    robots = np.stack([v.ravel() for v in each], axis=-1)
+    pieces = np.zeros((*shape, laws.shape[-2], 9))
+    pieces[..., OF_SEGMENT] = laws
+    pieces = pieces.reshape(-1, *pieces.shape[-2:])
+    out = np.empty((len(RESULTS), len(pieces)))
+    _sweep(len(pieces), pieces, robots, out)
     result: dict[str, AnyArray] = {name: column.reshape(shape) for name, column in zip(RESULTS, out)}
     result["n_jumps"] = result["n_jumps"].astype(np.int64)
     return result
@@ -341,7 +345,7 @@ def _pieces(forcing: Forcing) -> Array:
         rows = np.asarray(forcing.rows, float)
         _check_rows(rows)
         out = np.zeros((len(rows), 9))
-        out[:, [0, 1, 2, 6, 7, 8]] = rows
+        out[:, OF_SEGMENT] = rows
     else:
         if not (
             np.isfinite(forcing.c).all() and np.isfinite(forcing.knots).all() and np.all(np.diff(forcing.knots) > 0)
@@ -386,18 +390,15 @@ def _sample(
 
 
 @shared(**KERNEL)
-def _sweep(first: int, last: int, laws: Array, robots: Array, out: Array) -> None:
-    """hard_sweep, flat: laws (n, r, 6), robots (6, n or 1) in the order of its arguments, out (8, n) as RESULTS."""
-    none, raw = np.empty((0, 2)), np.empty((RAW, last - first))
-    follow_jumps(first, last, laws, robots, math.inf, none, none, raw)
+def _sweep(first: int, last: int, pieces: Array, robots: Array, out: Array) -> None:
+    """hard_sweep, flat: pieces (n, r, 9), robots (n or 1, 6) in the order of its arguments, out (8, n) as RESULTS."""
+    none = np.empty((0, 2))
     for i in range(first, last):
-        j = min(i, robots.shape[1] - 1)
-        motor_mass, g = robots[0, j], robots[4, j]
-        _, _, n_jumps, lifted, com, rod, longest, power, force, _ = numbers(raw, i - first)
-        out[0, i], out[1, i], out[2, i], out[3, i] = com, g * longest * longest / 8.0, rod, n_jumps
-        out[4, i], out[5, i], out[6, i] = lifted - laws[i, 0, 0], motor_mass * power, motor_mass * force
-        peak = 0.0
-        for r in range(laws.shape[1]):
-            law = laws[i, r]
-            peak = max(peak, _peak_speed((law[0], law[1], law[2], 0.0, 0.0, 0.0, law[3], law[4], law[5])))
-        out[7, i] = peak
+        robot = robots[min(i, robots.shape[0] - 1)]
+        _, _, n_jumps, lifted, com, rod, longest, power, force, _ = follow_jump(pieces[i], robot, math.inf, none, none)
+        out[0, i], out[1, i], out[2, i], out[3, i] = com, robot[4] * longest * longest / 8.0, rod, n_jumps
+        out[4, i], out[5, i], out[6, i] = lifted - pieces[i, 0, 0], robot[0] * power, robot[0] * force
+        out[7, i] = 0.0
+        for p in pieces[i]:
+            law = (p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8])
+            out[7, i] = max(out[7, i], _peak_speed(law))

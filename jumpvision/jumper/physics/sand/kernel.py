@@ -8,7 +8,7 @@ its packed constants.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
 
 import numpy as np
@@ -24,7 +24,6 @@ from .packed import Packed
 if TYPE_CHECKING:
     from llvmlite.ir import FunctionType, IRBuilder, Value
     from numba.core.base import BaseContext
-    from numba.core.cgutils import _StructProxy as Struct
     from numba.core.typing.context import BaseContext as Typing
     from numba.core.typing.templates import Signature
 
@@ -53,62 +52,6 @@ def kernel(f: F) -> F:
 def inlined(f: F) -> F:
     """The same in the place of every call: handing over arrays (7 numbers each) costs more than a small function."""
     return njit(**OPTIONS, forceinline=True)(f)
-
-
-LANES = 4  # numbers that one instruction takes
-
-
-def combination(weights: Array, own: int) -> Callable[..., None]:
-    """combine(i, s, h, k, out) in compiled code, i written as a number: out = h sum_m weights[i, m] k[m], and s for
-    i < own, term by term and LANES of n at once.
-
-    s, out: (n,), k: (m, n), n >= LANES, without gaps. numba leaves loops over so few numbers as they are.
-    """
-    number, flags = ir.DoubleType(), ("contract", "reassoc")
-    lanes = ir.VectorType(number, LANES)
-
-    def load(builder: IRBuilder, place: Value) -> Value:
-        return builder.load(builder.bitcast(place, lanes.as_pointer()), align=8)
-
-    def joined(builder: IRBuilder, each: Iterable[Value]) -> Value:
-        out = ir.Constant(lanes, ir.Undefined)
-        for j, x in enumerate(each):
-            out = builder.insert_element(out, x, ir.Constant(ir.IntType(32), j))
-        return out
-
-    def terms(builder: IRBuilder, row: int, at: Value, s: Struct, h: Value, k: Struct, out: Struct) -> None:
-        n, total = builder.extract_value(k.shape, 1), None
-        *before, last = map(int, np.flatnonzero(weights[row]))
-        for m in (*before, last):
-            place = cgutils.gep(builder, k.data, builder.add(at, builder.mul(n, ir.Constant(n.type, m))))
-            if m < last:
-                x = load(builder, place)
-            else:  # written number by number just before: read as one they would be waited for
-                x = joined(builder, [builder.load(cgutils.gep(builder, place, j)) for j in range(LANES)])
-            x = builder.fmul(x, ir.Constant(lanes, [float(weights[row, m])] * LANES), flags=flags)
-            total = x if total is None else builder.fadd(total, x, flags=flags if m < last else ("contract",))
-        total = builder.fmul(total, joined(builder, [h] * LANES), flags=flags)
-        if row < own:
-            total = builder.fadd(load(builder, cgutils.gep(builder, s.data, at)), total, flags=flags)
-        builder.store(total, builder.bitcast(cgutils.gep(builder, out.data, at), lanes.as_pointer()), align=8)
-
-    @intrinsic(prefer_literal=True)
-    def combine(
-        typing: Typing, i: types.IntegerLiteral, s: types.Type, h: types.Type, k: types.Type, out: types.Type
-    ) -> Emitted:
-        def code(context: BaseContext, builder: IRBuilder, signature: Signature, args: Sequence[Value]) -> Value:
-            s, k, out = (context.make_array(signature.args[j])(context, builder, args[j]) for j in (1, 3, 4))
-            n = builder.extract_value(k.shape, 1)
-            first, width = ir.Constant(n.type, 0), ir.Constant(n.type, LANES)
-            final = builder.sub(n, width)
-            with cgutils.for_range_slice(builder, first, n, width) as (j, _):  # the last may be in part the same again
-                at = builder.select(builder.icmp_signed("<", j, final), j, final)
-                terms(builder, i.literal_value, at, s, args[2], k, out)
-            return context.get_dummy_value()
-
-        return types.void(i, s, h, k, out), code
-
-    return combine
 
 
 def _member(builder: IRBuilder, p: Value, kind: types.Record, field: str) -> Value:

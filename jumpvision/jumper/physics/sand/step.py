@@ -30,7 +30,7 @@ from .granular import (
     settling,
     yield_force,
 )
-from .kernel import combination, inlined, kernel, number
+from .kernel import inlined, kernel
 from .packed import Packed
 
 ORDER = 8
@@ -75,7 +75,19 @@ for _row, _n in [*((i, i) for i in range(1, END + 1)), (THIRD, 13), (FIFTH, 13),
     WEIGHTS[_row, :_n], _at = _numbers[_at : _at + _n], _at + _n
 WEIGHTS[DENSE:] = _numbers[_at:].reshape(-1, N_SLOPES)
 NODES = WEIGHTS[:N_SLOPES].sum(axis=1)
-combine = combination(WEIGHTS, N_SLOPES)
+FIRST = np.array([np.flatnonzero(w[1:]).min(initial=N_SLOPES) + 1 for w in WEIGHTS])  # non-zero behind the first slope
+LAST = np.array([np.flatnonzero(w).max(initial=0) + 1 for w in WEIGHTS])
+
+
+@kernel
+def combine(row: int, h: float, k: Array, out: Array) -> None:
+    """Write h sum_m WEIGHTS[row, m] k[m] to out (n,); weights between the first and FIRST are zero."""
+    for j in range(out.size):
+        out[j] = h * WEIGHTS[row, 0] * k[0, j]
+    for m in range(FIRST[row], LAST[row]):
+        w = h * WEIGHTS[row, m]
+        for j in range(out.size):
+            out[j] += w * k[m, j]
 
 
 @kernel
@@ -96,33 +108,14 @@ def step(
     k: (N_SLOPES, n); k[0] = ds/dt at t on entry, those up to END are filled; k[END] = ds/dt at t + h.
     """
     motors(t, h, NODES, p)
-    combine(1, s, h, k, s1)
-    rhs(t + NODES[1] * h, s1, mode, slip, p, k, number(1))
-    combine(2, s, h, k, s1)
-    rhs(t + NODES[2] * h, s1, mode, slip, p, k, number(2))
-    combine(3, s, h, k, s1)
-    rhs(t + NODES[3] * h, s1, mode, slip, p, k, number(3))
-    combine(4, s, h, k, s1)
-    rhs(t + NODES[4] * h, s1, mode, slip, p, k, number(4))
-    combine(5, s, h, k, s1)
-    rhs(t + NODES[5] * h, s1, mode, slip, p, k, number(5))
-    combine(6, s, h, k, s1)
-    rhs(t + NODES[6] * h, s1, mode, slip, p, k, number(6))
-    combine(7, s, h, k, s1)
-    rhs(t + NODES[7] * h, s1, mode, slip, p, k, number(7))
-    combine(8, s, h, k, s1)
-    rhs(t + NODES[8] * h, s1, mode, slip, p, k, number(8))
-    combine(9, s, h, k, s1)
-    rhs(t + NODES[9] * h, s1, mode, slip, p, k, number(9))
-    combine(10, s, h, k, s1)
-    rhs(t + NODES[10] * h, s1, mode, slip, p, k, number(10))
-    combine(11, s, h, k, s1)
-    rhs(t + NODES[11] * h, s1, mode, slip, p, k, number(11))
-    combine(12, s, h, k, s1)
-    rhs(t + NODES[12] * h, s1, mode, slip, p, k, number(12))
+    for i in range(1, END + 1):
+        combine(i, h, k, s1)
+        for j in range(s.size):
+            s1[j] += s[j]
+        rhs(t + NODES[i] * h, s1, mode, slip, p, k, i)
     five, three = k[END + 1], k[END + 2]  # of the dense output, and free
-    combine(16, s, h, k, five)
-    combine(17, s, h, k, three)
+    combine(FIFTH, h, k, five)
+    combine(THIRD, h, k, three)
     fifth, third = 0.0, 0.0
     for j in range(s.size):
         most = 1.0 / (atol[j] + rtol * max(abs(s[j]), abs(s1[j])))
@@ -146,19 +139,16 @@ def dense(
     q: Array,
 ) -> None:
     """Writes the coefficients q (N_DENSE, n) of `between` for the last `step`, from s to s1, and to work."""
-    combine(13, s, h, k, work)
-    rhs(t + NODES[13] * h, work, mode, slip, p, k, number(13))
-    combine(14, s, h, k, work)
-    rhs(t + NODES[14] * h, work, mode, slip, p, k, number(14))
-    combine(15, s, h, k, work)
-    rhs(t + NODES[15] * h, work, mode, slip, p, k, number(15))
+    for i in range(END + 1, N_SLOPES):
+        combine(i, h, k, work)
+        for j in range(s.size):
+            work[j] += s[j]
+        rhs(t + NODES[i] * h, work, mode, slip, p, k, i)
     for j in range(s.size):
         rise, begin, end = s1[j] - s[j], h * k[0, j], h * k[END, j]
         q[0, j], q[1, j], q[2, j] = rise, begin - rise, 2.0 * rise - begin - end
-    combine(18, s, h, k, q[3])
-    combine(19, s, h, k, q[4])
-    combine(20, s, h, k, q[5])
-    combine(21, s, h, k, q[6])
+    for i in range(3, N_DENSE):
+        combine(DENSE + i - 3, h, k, q[i])
 
 
 @kernel
