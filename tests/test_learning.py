@@ -86,7 +86,7 @@ def test_what_a_source_says_of_a_noise_of_heavy_tails_is_as_uncertain_as_it_stat
     for _ in range(500):
         stretch = Stretch(t, rng.laplace(0.0, NOISE / math.sqrt(2.0), t.size), powers(t, 1))
         found.append(of_stretches([stretch], Noise(NOISE, 0.0, FRAME), 6.0))
-    assert np.std([math.log(f.sigma) for f in found]) == pytest.approx(found[0].log_sigma, rel=0.11)
+    assert np.std([math.log(f.sigma_m) for f in found]) == pytest.approx(found[0].log_sigma, rel=0.11)
     assert found[0].log_sigma == pytest.approx(math.sqrt(5.0 / 4.0 / 108.0), rel=1e-9)
 
 
@@ -164,8 +164,8 @@ def test_flights_that_run_into_the_ground_are_not_taken_for_noise(clean):
     """What went wrong before: the whole jump as a flight, s 26 to 34 times too large, correlation at its end."""
     learned = learned_of(clean)
     assert learned.sources["flight"].n > 100
-    assert learned.sources["flight"].sigma == pytest.approx(NOISE, rel=0.15)
-    assert learned.sources["rest"].sigma == pytest.approx(NOISE, rel=0.2)
+    assert learned.sources["flight"].sigma_m == pytest.approx(NOISE, rel=0.15)
+    assert learned.sources["rest"].sigma_m == pytest.approx(NOISE, rel=0.2)
     assert learned.sources["repeats"] is None
 
 

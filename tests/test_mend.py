@@ -129,7 +129,7 @@ def test_a_reason_stands_above_the_first_section(tmp_path, text):
 
 def test_nothing_is_written_where_one_file_cannot_be(tmp_path):
     for name in "ab":
-        make(tmp_path / name, TEXT if name == "a" else "robot.gravity = 9.8\n")
+        make(tmp_path / name, TEXT if name == "a" else "robot = 9.8\n")
     before = [(tmp_path / n / "experiment.toml").read_bytes() for n in "ab"]
     asked = [Suggested(f"{n}/experiment.toml", "robot", "rod_mass", 0.2, "") for n in "ab"]
     assert "cannot be edited" in problems_of(accept, asked, tmp_path)[0]

@@ -258,6 +258,19 @@ def test_a_value_is_replaced_however_it_is_written(text, new):
     assert edited(text, {"a": {"b": ([1], "again")}}, "f") == text  # nothing changes: not a byte
 
 
+@pytest.mark.parametrize(
+    ("text", "new"),
+    [
+        ("a.c = 3\n[d]\n", "a.c = 3\na.b = 2\n[d]\n"),
+        ("[a]\nc = 3\n\n# of d\n[d]\n[a.e]\nx = 1\n", "[a]\nc = 3\n\n# of d\nb = 2\n[d]\n[a.e]\nx = 1\n"),
+        ("[a]\nc = 3\n\n# of d\n[d]\nb = 1\n", "[a]\nc = 3\nb = 2\n\n# of d\n[d]\nb = 1\n"),
+        ("[d]\n\n# [a]  # open\n# c = # m\n# b = # m\n", "[d]\n\n[a]  # open\n# c = # m\nb = 2\n"),
+    ],
+)
+def test_a_value_is_put_into_its_section_however_that_is_written(text, new):
+    assert edited(text, {"a": {"b": (2, "")}}, "f") == new
+
+
 def test_nothing_is_written_over_that_somebody_else_changed(tmp_path, served):
     falling(tmp_path)
     s = served(tmp_path)

@@ -12,6 +12,7 @@ import scipy
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
+from jumpvision.engine.document.values import Cell, Detectable
 
 from .fitting import Fit, Problem
 from .system import Candidate
@@ -183,16 +184,6 @@ def detect(problem: Problem, fit: Fit, found: Sequence[Direction], rng: np.rando
 POWER = 0.9
 
 
-@dataclass(frozen=True)
-class Detectable:
-    """value: of a mechanism's strength, that these motions would have shown with POWER; NaN where none in its range."""
-
-    mechanism: str
-    parameter: str
-    value: float
-    unit: str
-
-
 def detectable(problem: Problem, fit: Fit, found: Detection, rng: np.random.Generator) -> list[Detectable]:
     """For every mechanism beside a fit that has a strength, the one at which the test would have called it discrepant.
 
@@ -218,19 +209,6 @@ def detectable(problem: Problem, fit: Fit, found: Detection, rng: np.random.Gene
         value = next((x for x in ends if p.low <= x <= p.high), math.nan)
         out.append(Detectable(name, p.name, value, p.unit or "1"))
     return out
-
-
-@dataclass(frozen=True)
-class Cell:
-    """mean_residual: measured minus predicted [unit of y]; z_score: of a shift of the whole cell, beside what the
-    parameters can do; p_value: of as large a z in any cell, were there nothing."""
-
-    labels: dict[str, str | float | None]
-    part: str
-    n: int
-    mean_residual: float
-    z_score: float
-    p_value: float
 
 
 def locate(problem: Problem, fit: Fit, by: tuple[str, ...], rng: np.random.Generator) -> list[Cell]:
@@ -262,15 +240,8 @@ def locate(problem: Problem, fit: Fit, by: tuple[str, ...], rng: np.random.Gener
     if not rows:
         return []
     chance = np.sort(largest(vectors, rng))
-    cells_out = [
-        Cell(
-            dict(zip(by, key[0])),
-            key[1],
-            n,
-            mean,
-            z,
-            float(DRAWS - np.searchsorted(chance, abs(z)) + 1) / (DRAWS + 1),
-        )
-        for key, n, mean, z in rows
-    ]
+    cells_out = []
+    for (labels, part), n, mean, z in rows:
+        p = float(DRAWS - np.searchsorted(chance, abs(z)) + 1) / (DRAWS + 1)
+        cells_out.append(Cell(str(dict(zip(by, labels)).get("kind")), part, mean, z, p, n))
     return sorted(cells_out, key=lambda c: -abs(c.z_score))

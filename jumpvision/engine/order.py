@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jumpvision.engine.document.values import Status
+from jumpvision.engine.document.values import Cell, Detectable, Status
 from jumpvision.engine.noise.noise import Noise
 
-from .detect import Cell, Detectable, Detection, detect, detectable, directions, locate
+from .detect import Detection, detect, detectable, directions, locate
 from .fitting import Fit, Problem
 from .naming import Naming, name
 from .system import Costly, Parameter, patterns_of

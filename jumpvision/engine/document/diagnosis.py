@@ -8,51 +8,24 @@ from __future__ import annotations
 import html
 import json
 import math
-from collections.abc import Mapping
-from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
-from enum import StrEnum
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from jumpvision.base.numbers import said, times
 from jumpvision.base.record import Record, RecordError, plain
 
 from . import FILE
-from .values import (
-    OPTIONAL,
-    Baseline,
-    Cause,
-    Cell,
-    Closest,
-    CommonError,
-    Confirmation,
-    Detectable,
-    Discovered,
-    Doubt,
-    Energies,
-    Gain,
-    Height,
-    LeftOver,
-    Model,
-    NextExperiment,
-    Noise,
-    Parameter,
-    Prediction,
-    Priors,
-    Runs,
-    Selection,
-    Simulated,
-    Status,
-    Suggested,
-    Trace,
-    Varies,
-    Verdict,
-    WithoutFilms,
-)
+from . import values as record
+from .values import OPTIONAL
+from .words import say
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+    from cattrs import Converter
 
 WIDE = 140  # characters of a line in a plain repr
 
@@ -75,54 +48,54 @@ class Diagnosis(Record):
     file = FILE
 
     schema: int = 3
-    verdict: Verdict
+    verdict: record.Verdict
     p_value: float
-    baseline: Baseline
-    where: tuple[Cell, ...]
-    heights: tuple[Height, ...]
-    causes: tuple[Cause, ...]
+    baseline: record.Baseline
+    where: tuple[record.Cell, ...]
+    heights: tuple[record.Height, ...]
+    causes: tuple[record.Cause, ...]
     named: tuple[str, ...]
-    status: Status
-    left_over: LeftOver | None
-    detectable: tuple[Detectable, ...]
+    status: record.Status
+    left_over: record.LeftOver | None
+    detectable: tuple[record.Detectable, ...]
     indistinguishable: tuple[tuple[str, ...], ...]
-    closest: Closest | None
+    closest: record.Closest | None
     unexplained: None = None  # the key stays for one release
-    extended_model: Model
-    gain: Gain | None
-    selection: tuple[Selection, ...]
-    extrapolation: Mapping[str, Gain]
-    next_experiment: NextExperiment | None
-    priors: Priors | None
-    noise: Noise
-    common: tuple[CommonError, ...]
-    energy: tuple[Energies, ...]
-    confirmation: tuple[Confirmation, ...]
-    without_films: WithoutFilms | None = field(default=None, metadata=OPTIONAL)
-    discovered: Discovered | None = None
-    varies: tuple[Varies, ...] = ()
-    suggested: tuple[Suggested, ...] = ()
+    extended_model: record.Model
+    gain: record.Gain | None
+    selection: tuple[record.Selection, ...]
+    extrapolation: Mapping[str, record.Gain]
+    next_experiment: record.NextExperiment | None
+    priors: record.Priors | None
+    noise: record.Noise
+    common: tuple[record.CommonError, ...]
+    energy: tuple[record.Energies, ...]
+    confirmation: tuple[record.Confirmation, ...]
+    without_films: record.WithoutFilms | None = field(default=None, metadata=OPTIONAL)
+    discovered: record.Discovered | None = None
+    varies: tuple[record.Varies, ...] = ()
+    suggested: tuple[record.Suggested, ...] = ()
     unit: str | None = field(default=None, metadata=OPTIONAL)
-    fitted: Mapping[str, Parameter] | None = field(default=None, metadata=OPTIONAL)
+    fitted: Mapping[str, record.Parameter] | None = field(default=None, metadata=OPTIONAL)
     correlations: Mapping[str, Mapping[str, float]] | None = field(default=None, metadata=OPTIONAL)
     lacks: Mapping[str, str] | None = field(default=None, metadata=OPTIONAL)
-    runs: Runs | None = field(default=None, metadata=OPTIONAL)
-    doubts: tuple[Doubt, ...] = field(default=(), metadata=OPTIONAL)
-    simulated: tuple[Simulated, ...] = field(default=(), metadata=OPTIONAL)
-    prediction: Prediction | None = field(default=None, metadata=OPTIONAL)
+    runs: record.Runs | None = field(default=None, metadata=OPTIONAL)
+    doubts: tuple[record.Doubt, ...] = field(default=(), metadata=OPTIONAL)
+    simulated: tuple[record.Simulated, ...] = field(default=(), metadata=OPTIONAL)
+    prediction: record.Prediction | None = field(default=None, metadata=OPTIONAL)
     sentence: str
     confirmed: str | None
-    traces: ClassVar[tuple[Trace, ...]] = ()
+    traces: ClassVar[tuple[record.Trace, ...]] = ()
     search: ClassVar[tuple[tuple[str, int, float], ...]] = ()  # a step, runs and seconds before it
 
     @property
     def adequate(self) -> bool:
-        return self.verdict == Verdict.ADEQUATE
+        return self.verdict == record.Verdict.ADEQUATE
 
     @property
-    def models(self) -> tuple[Cause, ...]:
+    def models(self) -> tuple[record.Cause, ...]:
         """The causes without those that name a model again by another of its mechanisms, with all its parameters."""
-        first: dict[frozenset[str], Cause] = {}
+        first: dict[frozenset[str], record.Cause] = {}
         for c in self.causes:
             same = first.setdefault(key := frozenset(c.mechanisms), c)
             first[key] = replace(same, parameters={**same.parameters, **c.parameters})
@@ -131,10 +104,10 @@ class Diagnosis(Record):
     @property
     def could_hide(self) -> str:
         """Strengths up to which mechanisms that are not named would not have shown with 90 % power; "" where none."""
-        said = ", ".join(f"{d.mechanism} {at}" for d in self.detectable if (at := hidden_up_to(d)))
-        return f"Would have shown with 90 % power from: {said}." if said else ""
+        each = ", ".join(f"{d.mechanism} {at}" for d in self.detectable if (at := hidden_up_to(d)))
+        return say("hidden", each=each) if each else ""
 
-    def names(self, cause: Cause) -> bool:
+    def names(self, cause: record.Cause) -> bool:
         """Whether this is the model that the diagnosis names."""
         return bool(self.named) and set(cause.mechanisms) == set(self.named)
 
@@ -144,30 +117,19 @@ class Diagnosis(Record):
         parameters with their 90 % intervals."""
         import pandas as pd
 
-        rows = [
-            {
-                "model": " + ".join(c.mechanisms),
-                "probability": c.probability,
-                "delta_score": c.delta_score,
-                "named": self.names(c),
-                "parameters (90 %)": c.words,
-            }
-            for c in self.models
-        ]
-        return pd.DataFrame(rows, columns=["model", "probability", "delta_score", "named", "parameters (90 %)"])
+        columns = ["model", "probability", "delta_score", "named", "parameters (90 %)"]
+        rows = [(_model(c), c.probability, c.delta_score, self.names(c), c.words) for c in self.models]
+        return pd.DataFrame(rows, columns=columns)
 
     @property
     def samples(self) -> pd.DataFrame:
         """Every sample of a user's recordings: recording, channel, time_s, measured, simulated, extended."""
         import pandas as pd
 
-        keys = ("measured", "simulated", "extended")
-        each = [
-            {"recording": x.recording, "channel": x.channel, "time_s": x.t, **{k: getattr(x, k) for k in keys}}
-            for x in self.traces
-        ]
-        empty = pd.DataFrame(columns=["recording", "channel", "time_s", *keys])
-        return pd.concat([pd.DataFrame(e) for e in each], ignore_index=True) if each else empty
+        columns = ["recording", "channel", "time_s", "measured", "simulated", "extended"]
+        each = [(x.recording, x.channel, x.t, x.measured, x.simulated, x.extended) for x in self.traces]
+        tables = [pd.DataFrame(dict(zip(columns, e))) for e in each]
+        return pd.concat(tables, ignore_index=True) if each else pd.DataFrame(columns=columns)
 
     @property
     def field(self) -> xr.Dataset:
@@ -177,32 +139,36 @@ class Diagnosis(Record):
 
     def explain(self, mechanism: str) -> str:
         """What is known of one mechanism, in words."""
-        lacks = self.lacks or {}
-        what = lacks.get(mechanism, mechanism.replace("_", " "))
-        tried = next((c for c in self.causes if c.mechanism == mechanism), None)
-        twins = next((t for t in self.indistinguishable if mechanism in t), ())
+
+        def called(m: str) -> str:
+            return (self.lacks or {}).get(m, m.replace("_", " "))
+
+        what = called(mechanism)
         if self.adequate:
-            shown = next((hidden_up_to(d) for d in self.detectable if d.mechanism == mechanism), "")
-            p = said(self.p_value, ".2g")
-            agrees = f"{what}: not needed; the simulation agrees with the recordings (p = {p})"
-            return agrees + (f"; it would have shown with 90 % power from {shown}." if shown else ".")
-        if tried is None:
-            known = ", ".join(c.mechanism for c in self.causes)
-            return f"{what}: no model with it is likely enough to be listed; listed are {known or 'none'}."
-        beside = f" beside {' and '.join(lacks.get(m, m) for m in tried.others)}" if tried.others else ""
-        text = f"{what}: {'named' if mechanism in self.named else 'not named'}, probability {said(tried.probability)}; "
-        text += f"{tried.words or 'no parameter of its own'}{beside}; "
-        text += f"log-likelihood of recordings held out {said(tried.delta_score, '+.3g')} over the model under test"
-        others = [lacks.get(t, t.replace("_", " ")) for t in twins if t != mechanism]
-        return text + (f"; the data cannot distinguish it from {' or '.join(others)}." if others else ".")
+            least = next((hidden_up_to(d) for d in self.detectable if d.mechanism == mechanism), "")
+            return say("not needed", what=what, p=self.p_value, shown=say("shown", least=least) if least else "")
+        c = next((c for c in self.causes if c.mechanism == mechanism), None)
+        if c is None:
+            return say("not listed", what=what, known=", ".join(c.mechanism for c in self.causes) or "none")
+        beside = " and ".join((self.lacks or {}).get(m, m) for m in c.others)
+        twins = next((t for t in self.indistinguishable if mechanism in t), ())
+        others = " or ".join(called(t) for t in twins if t != mechanism)
+        return say(
+            "tried",
+            what=what,
+            named="named" if mechanism in self.named else "not named",
+            c=c,
+            words=c.words or "no parameter of its own",
+            beside=f" beside {beside}" if beside else "",
+            others=say("not told from", others=others) if others else "",
+        )
 
     def __repr__(self) -> str:
-        lines = [self.sentence]
-        lines += [f"  {chance(c.probability)}  {' + '.join(c.mechanisms)}: {c.words}" for c in self.models[:6]]
+        lines = [f"  {chance(c.probability)}  {_model(c)}: {c.words}" for c in self.models[:6]]
         if self.fitted and not self.adequate:
             lines += [f"  {n} = {p}" for n, p in self.fitted.items()][:12]
         lines += self._predicting
-        return "\n".join([lines[0], *(x if len(x) <= WIDE else x[: WIDE - 3] + "..." for x in lines[1:])])
+        return "\n".join([self.sentence, *(x if len(x) <= WIDE else x[: WIDE - 3] + "..." for x in lines)])
 
     @property
     def _predicting(self) -> list[str]:
@@ -211,14 +177,14 @@ class Diagnosis(Record):
         if best is None or set(best.mechanisms) == set(self.named) or self.discovered:
             return []
         model = f"the model with {' + '.join(best.mechanisms)}" if best.mechanisms else "the model as it is"
-        by = f": the error on recordings held out falls {times(best.ratio, '.1f')}" if best.mechanisms else ""
-        return [f"  to predict new recordings, not as a cause: {model}{by} (.prediction)"]
+        by = say("predicts by", by=times(best.ratio, ".1f")) if best.mechanisms else ""
+        return [say("predicts", model=model, by=by)]
 
     def _repr_html_(self) -> str:
         from jumpvision.base import notebook as reprs
 
         rows = [
-            {"model": " + ".join(c.mechanisms), "probability": chance(c.probability), "parameters (90 %)": c.words}
+            {"model": _model(c), "probability": chance(c.probability), "parameters (90 %)": c.words}
             for c in self.models[:6]
         ]
         body = f"<p>{html.escape(self.sentence)}</p>{reprs.table(rows)}"
@@ -227,7 +193,7 @@ class Diagnosis(Record):
     @property
     def values(self) -> dict[str, object]:
         """What the file holds: numbers, texts, lists and dicts."""
-        return dict(plain(_json(self)))
+        return dict(plain(converter().unstructure(self)))
 
     @property
     def text(self) -> str:
@@ -245,43 +211,37 @@ class Diagnosis(Record):
     def from_values(cls, values: Mapping[str, object]) -> Self:
         """The inverse of `values`. Raises RecordError where a key is missing."""
         try:
-            found: Self = _read(cls, values)
+            return converter().structure(values, cls)
         except KeyError as e:
             raise RecordError(f"{cls.file}: {e.args[0]!r} is missing") from None
-        return found
 
 
-def _key(f: Field[object]) -> str:
-    """The file's key of a field."""
-    return str(f.metadata.get("key", f.name))
+@cache
+def converter() -> Converter:
+    """Between records and the file's dicts: a number that is not known is null there, an optional key may lack."""
+    import cattrs
+    from cattrs.gen import make_dict_structure_fn, make_dict_unstructure_fn, override
+
+    made = cattrs.Converter(detailed_validation=False)
+    made.register_structure_hook(float, lambda x, _: math.nan if x is None else x)
+    for kind in (type(None), float | str, float | str | bool):
+        made.register_structure_hook(kind, lambda x, of: None if of is type(None) else x)
+
+    def renamed(kind: type) -> dict[str, Any]:
+        return {f.name: override(rename=f.metadata["key"]) for f in fields(kind) if "key" in f.metadata}
+
+    def written(kind: type) -> Callable[[Any], dict[str, Any]]:
+        whole: Callable[[Any], dict[str, Any]] = make_dict_unstructure_fn(kind, made, **renamed(kind))
+        optional = {f.name for f in fields(kind) if f.metadata == OPTIONAL}
+        return lambda x: {k: v for k, v in whole(x).items() if v is not None or k not in optional}
+
+    made.register_unstructure_hook_factory(is_dataclass, written)
+    made.register_structure_hook_factory(is_dataclass, lambda k: make_dict_structure_fn(k, made, **renamed(k)))
+    return made
 
 
-def _json(value: object) -> object:
-    """A record of records as dicts and lists."""
-    if is_dataclass(value):
-        known = {_key(f): (f, getattr(value, f.name)) for f in fields(value)}
-        return {k: _json(v) for k, (f, v) in known.items() if v is not None or not f.metadata.get("optional")}
-    if isinstance(value, Mapping):
-        return {k: _json(v) for k, v in value.items()}
-    return [_json(v) for v in value] if isinstance(value, tuple) else str(value) if isinstance(value, str) else value
-
-
-def _read(kind: Any, value: Any) -> Any:
-    """A value of the file as the type that a field declares."""
-    if value is None or kind is type(None):
-        return math.nan if kind is float else None
-    inner = [k for k in get_args(kind) if k is not type(None)]
-    if is_dataclass(kind):
-        types = get_type_hints(kind)
-        given = {f.name: _key(f) for f in fields(kind) if _key(f) in value or not f.metadata.get("optional")}
-        return kind(**{name: _read(types[name], value[key]) for name, key in given.items()})  # type: ignore[operator]
-    if isinstance(kind, type) and issubclass(kind, StrEnum):
-        return kind(value)
-    if get_origin(kind) is tuple:
-        return tuple(_read(inner[0], v) for v in value)
-    if get_origin(kind) is Mapping:
-        return {k: _read(inner[1], v) for k, v in value.items()}
-    return _read(inner[0], value) if inner else value
+def _model(c: record.Cause) -> str:
+    return " + ".join(c.mechanisms)
 
 
 def chance(p: float) -> str:
@@ -289,7 +249,7 @@ def chance(p: float) -> str:
     return "< 0.001" if p < 5e-4 else said(p, ".3f")
 
 
-def hidden_up_to(d: Detectable) -> str:
+def hidden_up_to(d: record.Detectable) -> str:
     """The parameter and the value from which it would have shown; "" where none in its range would."""
     unit = "" if d.unit == "1" else f" {d.unit}"
     return f"{d.parameter} = {strength(d.value)}{unit}" if math.isfinite(d.value) else ""

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from jumpvision.base.arrays import Z90, Array
-from jumpvision.base.numbers import said
 from jumpvision.engine.fitting import Fit
 from jumpvision.engine.naming import likely
 from jumpvision.engine.order import Findings
@@ -24,7 +23,7 @@ from jumpvision.engine.worth.gain import Gain
 from . import values as record
 from .diagnosis import Diagnosis
 from .sentence import contradictions, sentence
-from .words import Words
+from .words import Words, say
 
 if TYPE_CHECKING:
     from jumpvision.engine.discovery import Law
@@ -64,46 +63,38 @@ class Speaker(Protocol):
     def words(self, data: Diagnosis) -> Words: ...
 
 
-def twins(each: Sequence[Sequence[str]], called: Mapping[str, str]) -> tuple[tuple[str, ...], ...]:
-    """What the data cannot tell apart, as a reader has it: forms of one pattern are one."""
-    names = (tuple(dict.fromkeys(called.get(m, m) for m in t)) for t in each)
-    return tuple(t for t in names if len(t) > 1)
-
-
-def detectable(d: Findings) -> tuple[record.Detectable, ...]:
-    """Of the mechanisms; what varies between recordings has no strength of its own."""
-    plain = (x for x in d.detectable if x.mechanism not in patterns(d))
-    return tuple(record.Detectable(x.mechanism, x.parameter, x.value, x.unit) for x in plain)
-
-
 def document(d: Findings, speaker: Speaker, stopped: str = "") -> Diagnosis:
     """The record of findings. stopped: why they are not all that there could be; "" where they are."""
     d = worth_telling(d)
     n, extended, before = d.naming, d.best is not d.baseline, speaker.model(d.baseline)
-    called = titles(d)
+    called, known = titles(d), patterns(d)
+    # forms of one pattern are one to a reader
+    twins = [tuple(dict.fromkeys(called.get(m, m) for m in t)) for t in n.twins] if n else []
+    chosen = d.gain.selection if d.gain else ()
+    varies: tuple[record.Varies, ...] = ()
+    if d.varies:
+        from .varied import varies_of
+
+        varies = varies_of(d)
     data = Diagnosis(
         verdict=record.Verdict.ADEQUATE if d.adequate else record.Verdict.DISCREPANT,
         p_value=d.detection.p_value,
         baseline=record.Baseline(
             before.terms, before.parameters, math.nan, rmse(speaker, d.baseline), d.detection.chi2_per_dof
         ),
-        where=tuple(
-            record.Cell(str(c.labels.get("kind")), c.part, c.mean_residual, c.z_score, c.p_value, c.n)
-            for c in d.where[:12]  # a page tells no more
-        ),
+        where=tuple(d.where[:12]),  # a page tells no more
         heights=(),
         causes=causes(d, speaker),
         named=forces(d, n.named) if n else (),
         status=n.status if n else record.Status.UNDETERMINED if stopped else record.Status.COMPLETE,
         left_over=left_over(d, speaker),
-        detectable=detectable(d),
-        indistinguishable=twins(n.twins, called) if n else (),
+        # what varies between recordings has no strength of its own
+        detectable=tuple(x for x in d.detectable if x.mechanism not in known),
+        indistinguishable=tuple(t for t in twins if len(t) > 1),
         closest=closest(d, speaker),
         extended_model=speaker.model(d.best),
         gain=gain(d.gain, speaker) if extended and d.gain else None,
-        selection=tuple(record.Selection(tuple(called.get(m, m) for m in s), k) for s, k in d.gain.selection)
-        if d.gain
-        else (),
+        selection=tuple(record.Selection(tuple(called.get(m, m) for m in s), k) for s, k in chosen),
         extrapolation={k: gain(g, speaker) for k, g in (d.extrapolation or {}).items()} if extended else {},
         next_experiment=None,
         priors=priors(d),
@@ -113,7 +104,7 @@ def document(d: Findings, speaker: Speaker, stopped: str = "") -> Diagnosis:
         confirmation=(),
         sentence="",
         confirmed=None,
-        varies=varies(d),
+        varies=varies,
     )
     data = speaker.completed(with_law(data, d.law) if d.law else data, d)
     if data.status == record.Status.UNDETERMINED:  # what a rejected model foretells is worth nothing
@@ -124,15 +115,6 @@ def document(d: Findings, speaker: Speaker, stopped: str = "") -> Diagnosis:
     untold = [x.words for x in data.doubts if x.kind != record.DoubtKind.STEPPED]
     text = " ".join([sentence(data, words, stopped), *(f"{x[0].upper()}{x[1:].rstrip('.?')}." for x in untold)])
     return replace(data, sentence=text, confirmed=contradictions(data, words.apart))
-
-
-def varies(d: Findings) -> tuple[record.Varies, ...]:
-    """Numbers that were taken for constant and are not."""
-    if not d.varies:
-        return ()
-    from .varied import varies_of
-
-    return varies_of(d)
 
 
 def forces(d: Findings, names: Sequence[str]) -> tuple[str, ...]:
@@ -181,14 +163,12 @@ def causes(d: Findings, speaker: Speaker) -> tuple[record.Cause, ...]:
     """Mechanisms by probability, each with the parameters of the likeliest model that has it."""
     if (n := d.naming) is None:
         return ()
-    out = []
-    called = titles(d)
-    for mechanism in forces(d, likely(n))[:8]:  # a page tells no more causes
-        e = next(e for e in n.tried if mechanism in e.mechanisms)
-        others = tuple(called.get(m, m) for m in e.mechanisms if m != mechanism)
-        chances, found = n.chances(mechanism), speaker.parameters(e.fit, mechanism)
-        spread = (min(chances), max(chances))
-        out.append(record.Cause(mechanism, others, n.probability(mechanism), spread, e.delta_score, found))
+    out, called = [], titles(d)
+    for m in forces(d, likely(n))[:8]:  # a page tells no more causes
+        e = next(e for e in n.tried if m in e.mechanisms)
+        others = tuple(called.get(o, o) for o in e.mechanisms if o != m)
+        spread, found = (min(n.chances(m)), max(n.chances(m))), speaker.parameters(e.fit, m)
+        out.append(record.Cause(m, others, n.probability(m), spread, e.delta_score, found))
     return tuple(out)
 
 
@@ -260,17 +240,8 @@ def agreement(d: Findings) -> list[str]:
     if test is None:
         return []
     if test.chi2_per_dof < LOOSE:
-        return [
-            f"chi^2 per degree of freedom of the best model is {said(test.chi2_per_dof, '.2g')}: the noise is "
-            "taken too large, and effects may hide in it; look at where it was learned (`sources`), or state a "
-            "smaller one"
-        ]
-    if best and test.discrepant:
-        return [
-            f"chi^2 per degree of freedom of the best model is {said(test.chi2_per_dof)} "
-            f"(p = {said(test.p_value, '.2g')}): more is left than the noise explains"
-        ]
-    return []
+        return [say("too well", chi2=test.chi2_per_dof)]
+    return [say("not as well", chi2=test.chi2_per_dof, p=test.p_value)] if best and test.discrepant else []
 
 
 def rms(x: Array) -> float:

@@ -11,7 +11,7 @@ from jumpvision.engine.worth.gain import FEW_GROUPS
 from . import values as record
 from .diagnosis import Diagnosis
 from .varies import capital, clauses, some
-from .words import Words
+from .words import Words, say
 
 COMPLETE = record.Status.COMPLETE
 WIDER = 1.05  # factor on intervals from which it is said
@@ -21,18 +21,22 @@ def sentence(d: Diagnosis, words: Words, stopped: str = "") -> str:
     """The verdict in plain words. stopped: what kept it from being whole."""
     varies = [v for v in d.varies if v.established]
     those = capital("; ".join(clauses(varies, words))) + ("" if d.named else _twins(d, words))
-    agrees = f"he simulation agrees with the {words.recordings} within their noise (p = {said(d.p_value, '.2g')})."
     if d.adequate:
-        return f"{those}; {_mended(varies)} t{agrees}" if varies else f"T{agrees}"
+        agrees = say("agrees", words=words, p=d.p_value)
+        return f"{those}; {_mended(varies)} {agrees}" if varies else capital(agrees)
     if varies and not (d.named or d.discovered):
-        return f"{those}; {_mended(varies)} the model is adequate." if d.status == COMPLETE else f"{those}; {_more(d)}."
+        if d.status == COMPLETE:
+            return say("adequate but", those=those, but=_mended(varies))
+        return f"{those}; {say('more', much=_much(d), left=_left(d))}."
     if varies:
-        return f"{those}. {_not_constant_alone(d, words)}{f'; {stopped}' if stopped else ''}."
+        more = f"it lacks {_named(d, words)}" if d.named else "no mechanism explains the rest" + _law(d, words, "does")
+        return f"{those}. In addition{'' if d.named else ','} {more}{f'; {stopped}' if stopped else ''}."
     if stopped and not d.causes:
-        return f"{words.misses}; which mechanism it lacks is not known yet: {stopped}."
-    verdict = _named(d, words) if d.named else _unnamed(d, words)
+        return say("unknown yet", words=words, stopped=stopped)
+    in_part = " in part" if d.status == record.Status.PARTIAL else ""
+    verdict = f"{in_part} because it lacks {_named(d, words)}" if d.named else _unnamed(d, words)
     left = "the rest was not tested" if d.gain else "not tried on conditions held out"
-    return words.misses + verdict + (f"; {left}: {stopped}." if stopped else ".")
+    return words.misses + verdict + (say("stopped", left=left, stopped=stopped) if stopped else ".")
 
 
 def _mended(varies: Sequence[record.Varies]) -> str:
@@ -44,110 +48,96 @@ def _mended(varies: Sequence[record.Varies]) -> str:
 
 def _twins(d: Diagnosis, words: Words) -> str:
     """Causes that would do as well."""
-    if not d.indistinguishable:
-        return ""
     twins = "; ".join(" or ".join(_listed([m], words.called) for m in t) for t in d.indistinguishable)
-    return f" (the data cannot distinguish: {twins})"
+    return say("twins", twins=twins) if twins else ""
 
 
-def _more(d: Diagnosis) -> str:
+def _much(d: Diagnosis) -> str:
     """What is left beside numbers that vary, where nothing is named."""
     share = d.left_over.share if d.left_over else math.nan
-    much = "a part of the discrepancy"
     if share < 0.995:
-        much = f"{said(share, '.2g', 100.0)} % of the discrepancy (in chi^2)"
-    elif math.isfinite(share):  # about what scatters: nothing else explains any of it
-        much = f"a discrepancy (p = {said(d.p_value, '.2g')})"
-    return f"{much} remains beyond the noise{_left(d)}"
-
-
-def _not_constant_alone(d: Diagnosis, words: Words) -> str:
-    """What is named beside numbers that vary."""
-    if d.named:
-        return f"In addition it lacks {_listed(d.named, words.lacks)}{_named_rest(d, words)}"
-    assert d.discovered
-    return "In addition, no mechanism explains the rest" + law_in_words(d.discovered, words, "does")
+        return say("share", share=100.0 * share)
+    # about what scatters: nothing else explains any of it
+    return say("discrepancy", p=d.p_value) if math.isfinite(share) else "a part of the discrepancy"
 
 
 def _left(d: Diagnosis) -> str:
     """Where to look for what is left."""
     if not (d.left_over and d.left_over.look_at):
         return ""
-    lies = f"; {d.left_over.where}" if d.left_over.where else ""
-    return f"; what is left has no simple form: look at {some(d.left_over.look_at)}{lies}"
+    where = f"; {d.left_over.where}" if d.left_over.where else ""
+    return say("look at", recordings=some(d.left_over.look_at), where=where)
 
 
 def _unnamed(d: Diagnosis, words: Words) -> str:
-    left_to_see = d.left_over and d.left_over.look_at
-    if not (d.discovered or d.closest or left_to_see):
-        return f", by so little (p = {said(d.p_value, '.2g')}) that no cause is more likely than chance"
-    text = f", and no mechanism of the {words.vocabulary} explains all that it gets wrong"
+    near = d.closest
+    if not (d.discovered or near or _left(d)):
+        return say("by chance", p=d.p_value)
+    text = say("none explains", words=words)
     if d.discovered:
-        return text + law_in_words(d.discovered, words, "does")
-    if near := d.closest:
+        return text + _law(d, words, "does")
+    if near:
         falls = near.gain and 0.05 < near.gain.ratio < math.inf
-        text += f"; the closest, {_listed(near.mechanisms, words.called)}, "
-        text += f"lowers the {words.error} {times(near.gain.ratio, '.1f')}" if near.gain and falls else "helps"
-        left = (
-            f" and leaves {words.size(near.rmse_track_m)}" if math.isfinite(near.rmse_track_m) else " and leaves more"
-        )
-        text += f"{left}, beyond the noise"
+        helps = say("lowers", words=words, by=times(near.gain.ratio, ".1f")) if near.gain and falls else "helps"
+        left = words.size(near.rmse_track_m) if math.isfinite(near.rmse_track_m) else "more"
+        text += say("closest", names=_listed(near.mechanisms, words.called), helps=helps, left=left)
     return text + _left(d)
 
 
 def _named(d: Diagnosis, words: Words) -> str:
-    partial = d.status == record.Status.PARTIAL
-    return f"{' in part' if partial else ''} because it lacks {_listed(d.named, words.lacks)}{_named_rest(d, words)}"
-
-
-def _named_rest(d: Diagnosis, words: Words) -> str:
-    """What there is to say beside the names."""
-    partial, text = d.status == record.Status.PARTIAL, ""
-    if d.discovered:
-        text += law_in_words(d.discovered, words, "explains the rest")
-    if partial and d.left_over and math.isfinite(d.left_over.share):
-        share = said(d.left_over.share, ".2g", 100.0)
-        text += f", and {share} % of the discrepancy (in chi^2) remains beyond the noise, unexplained"
-        if WIDER < (wider := d.left_over.widened) < math.inf:
-            text += f" (intervals are {said(wider, '.2g')} times wider for it)"
-        text += _left(d)
+    """What is lacking, and what there is to say beside it."""
+    text, left = _listed(d.named, words.lacks) + _law(d, words, "explains the rest"), d.left_over
+    if d.status == record.Status.PARTIAL and left and math.isfinite(left.share):
+        wider = say("wider", wider=left.widened) if WIDER < left.widened < math.inf else ""
+        text += say("partial", much=say("share", share=100.0 * left.share), wider=wider, left=_left(d))
     text += _twins(d, words)
     if d.gain and 0.0 < d.gain.ratio < math.inf:
+        groups = "" if math.isfinite(d.gain.ratio_ci95[1]) else say("few groups", n=FEW_GROUPS)
         it = "it" if len(d.named) == 1 else "them"
-        text += f"; with {it} the {words.error} falls {times(d.gain.ratio)}"
-        text += "" if math.isfinite(d.gain.ratio_ci95[1]) else f" ({FEW_GROUPS} groups are needed for its interval)"
+        text += say("gain", it=it, words=words, by=times(d.gain.ratio), groups=groups)
     return text
+
+
+def _law(d: Diagnosis, words: Words, does: str) -> str:
+    return law_in_words(d.discovered, words, does) if d.discovered else ""
 
 
 def law_in_words(law: record.Discovered, words: Words, does: str) -> str:
     """What was discovered, as the end of the verdict. does: what it does that the vocabulary does not."""
-    free = ", ".join(
-        f"{n} = {plus_minus(p.value, p.sigma)}{f' {p.unit}' if p.unit != '1' else ''}"
-        for n, p in law.parameters.items()
-        if p.sigma != 0.0
+    units = {n: f" {p.unit}" if p.unit != "1" else "" for n, p in law.parameters.items()}
+    each = {n: p for n, p in law.parameters.items() if p.sigma == 0.0}
+    fixed = ", ".join(f"{n} = {said(p.value, 'g')} {p.unit}" for n, p in each.items())
+    free = (f"{n} = {plus_minus(p.value, p.sigma)}{units[n]}" for n, p in law.parameters.items() if n not in each)
+    top = law.ceiling_r2
+    return say(
+        "law",
+        what=words.acts_on.get(law.acts_on, "a law"),
+        does=does,
+        law=law.law,
+        free=", ".join(free),
+        fixed=f" ({fixed})" if fixed else "",
+        share=say("law's share", share=100.0 * law.r2) if math.isfinite(law.r2) else "",
+        ceiling=say("ceiling", share=100.0 * top) if top is not None and 0.0 <= top <= 1.0 else "",
+        active="" if law.passive is not False else say("active") + (say("part is passive") if law.part_passive else ""),
     )
-    fixed = ", ".join(f"{n} = {said(p.value, 'g')} {p.unit}" for n, p in law.parameters.items() if p.sigma == 0.0)
-    what = words.acts_on.get(law.acts_on, "a law")
-    text = f"; {what} {does}: {law.law} with {free}{f' ({fixed})' if fixed else ''}"
-    text += f", {said(law.r2, factor=100.0)} % of it" if math.isfinite(law.r2) else ""
-    if law.ceiling_r2 is not None and 0.0 <= law.ceiling_r2 <= 1.0:
-        text += f" (any smooth force of the same position and rate: {said(law.ceiling_r2, factor=100.0)} %)"
-    if law.passive is not False:
-        return text
-    text += ", and it is active: it gives energy to what moves"
-    return text + (", as a motor does or a resistance weaker than the model's" if law.part_passive else "")
 
 
 def contradictions(d: Diagnosis, apart: tuple[str, str]) -> str | None:
     """Where other measurements contradict the motions, in plain words; None where none does. apart: as in Words."""
     beside, motions = apart
-    bad = "; ".join(
-        f"{r.quantity} is {plus_minus(r.by_film, r.by_film_sigma)} by {r.source}, "
-        f"{plus_minus(r.by_jumps, r.by_jumps_sigma)} by the {motions} alone ({said(abs(r.z), '.1f')} sigma apart)"
+    each = "; ".join(
+        say(
+            "contradicts",
+            r=r,
+            film=plus_minus(r.by_film, r.by_film_sigma),
+            jumps=plus_minus(r.by_jumps, r.by_jumps_sigma),
+            motions=motions,
+            z=abs(r.z),
+        )
         for r in d.confirmation
         if r.contradicts
     )
-    return f"{beside} and {motions} contradict each other: {bad}." if bad else None
+    return say("contradict", beside=beside, motions=motions, each=each) if each else None
 
 
 def plus_minus(value: float, sigma: float) -> str:

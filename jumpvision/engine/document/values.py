@@ -93,8 +93,8 @@ class Baseline(Model):
 
 @dataclass(frozen=True)
 class Cell:
-    """Residuals of one kind of jump in one part of it: measured minus simulated [m], z of a shift of the whole cell,
-    and the probability of as large a z in any cell by noise alone."""
+    """Residuals of one kind of jump in one part of it: measured minus simulated [unit of y], z of a shift of the whole
+    cell beside what the parameters can do, and the probability of as large a z in any cell by noise alone."""
 
     kind: str
     phase_of_jump: str
@@ -170,7 +170,7 @@ class Varies:
     unit: str
     declared: float
     p_value: float
-    established: bool
+    established: bool = True
     each: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     at: Mapping[str, float | str] = field(default_factory=dict)
     source: str = ""
@@ -225,7 +225,7 @@ class LeftOver:
 
 @dataclass(frozen=True)
 class Detectable:
-    """The strength of a mechanism that would have shown with 90 % power; NaN where none within its range would."""
+    """value: of a mechanism's strength, that would have shown with 90 % power; NaN where none in its range would."""
 
     mechanism: str
     parameter: str
@@ -382,7 +382,8 @@ class NextExperiment:
 
 @dataclass(frozen=True)
 class NoiseSource:
-    """What one kind of evidence says of the noise; log_sigma: standard uncertainty of its logarithm."""
+    """What one kind of evidence says of the noise. sigma_m: standard deviation [unit of y]; log_sigma: standard
+    uncertainty of its logarithm; n: samples beyond the coefficients of their courses (tracks, for what they state)."""
 
     sigma_m: float
     log_sigma: float

@@ -16,7 +16,7 @@ from jumpvision.engine.vary.patterns import Pattern, Scatter
 from jumpvision.engine.vary.variables import Variable
 
 from . import values as record
-from .varies import COMMAND, RECORDING
+from .varies import COMMAND, IN_ORDER, RECORDING
 
 
 def varies_of(d: Findings) -> tuple[record.Varies, ...]:
@@ -64,6 +64,9 @@ def _pattern(
             continue
         if p.kind is record.Pattern.FUNCTION and not members and math.isfinite(p.break_at):
             members = tuple(np.flatnonzero(column > 0).tolist())
+        own, each = x.each, {}
+        if own and own.variable.name == v.name:
+            each = _values(p.changes(x.coefficients)[v.name] + own.change, own.sigma, v, observations, fitted)
         ends = sorted(_value(v, change + s * Z90 * sigma, fitted) for s in (-1.0, 1.0))
         yield record.Varies(
             parameter=v.name,
@@ -76,10 +79,9 @@ def _pattern(
             unit=v.unit or "1",
             declared=_value(v, base, fitted),
             p_value=x.p_value,
-            established=True,
-            each=_each(x, v, observations, fitted),
+            each=each,
             at=_at(p, observations),
-            source=_source(p.of, observations),
+            source=observations[0].circumstances.source if p.of in IN_ORDER else "",
             also=p.also,
         )
 
@@ -93,15 +95,6 @@ def _value(v: Variable, change: float, fitted: Mapping[str, float]) -> float:
 def _size(v: Variable, fitted: Mapping[str, float]) -> float:
     """Of the number, a change of 1."""
     return abs(fitted.get(v.name, v.declared)) if v.relative else 1.0
-
-
-def _each(
-    x: Varied, v: Variable, observations: Sequence[Observation], fitted: Mapping[str, float]
-) -> dict[str, tuple[float, float]]:
-    if x.each is None or x.each.variable.name != v.name:
-        return {}
-    whole = x.pattern.changes(x.coefficients)[v.name] + x.each.change
-    return _values(whole, x.each.sigma, v, observations, fitted)
 
 
 def _values(
@@ -120,10 +113,6 @@ def _at(p: Pattern, observations: Sequence[Observation]) -> dict[str, float | st
     return {o.name: x for o in observations if (x := o.circumstances.labels.get(p.of or "")) is not None}
 
 
-def _source(of: str | None, observations: Sequence[Observation]) -> str:
-    return observations[0].circumstances.source if of in ("order", "time") else ""
-
-
 def _scatter(s: Scatter, observations: Sequence[Observation], fitted: Mapping[str, float]) -> record.Varies:
     v = s.variable
     size = _size(v, fitted)
@@ -138,7 +127,6 @@ def _scatter(s: Scatter, observations: Sequence[Observation], fitted: Mapping[st
         unit=v.unit or "1",
         declared=fitted.get(v.name, v.declared),
         p_value=min(1.0, math.exp(-min(max(s.gained, 0.0), 700.0))),  # of odds as large by noise alone
-        established=True,
         each=_values(s.apart.change, s.apart.sigma, v, observations, fitted),
     )
 
@@ -153,18 +141,8 @@ def _change(x: Varied, k: int) -> tuple[float, float]:
 
 
 def _aside(i: int, d: Findings, observations: Sequence[Observation]) -> record.Varies:
-    like = d.varies.commands.get(i) if d.varies else None
-    return record.Varies(
-        parameter=RECORDING if like is None else COMMAND,
-        kind=record.Pattern.ODD,
-        of=None,
-        recordings=(observations[i].name,),
-        value=math.nan,
-        low=math.nan,
-        high=math.nan,
-        unit="1",
-        declared=math.nan,
-        p_value=d.detection.p_value,
-        established=True,
-        at={} if like is None else {observations[i].name: observations[like].name},
-    )
+    """A recording that no number explains, or that was driven as another should have been."""
+    like, name, nan = d.varies.commands.get(i) if d.varies else None, observations[i].name, math.nan
+    parameter, at = (RECORDING, {}) if like is None else (COMMAND, {name: observations[like].name})
+    p = d.detection.p_value
+    return record.Varies(parameter, record.Pattern.ODD, None, (name,), nan, nan, nan, "1", nan, p, at=at)

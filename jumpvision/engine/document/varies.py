@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from jumpvision.base.arrays import Z90
 
 from .values import Pattern, Varies
-from .words import Words
+from .words import Words, say
 
 TOLD = 3  # names of recordings that a sentence gives
 RECORDING = "recording"  # the parameter of one that no number of its own explains
@@ -19,21 +19,24 @@ IN_ORDER = ("order", "time")
 
 def varies_in_words(v: Varies, words: Words) -> str:
     """What a number does, as a clause of a sentence: "alpha scatters by 5.1 % (4.0 to 7.0) from jump to jump"."""
-    if v.unit == FRAMES and v.kind is not Pattern.SCATTER:
-        return _lost(v)
-    if v.kind is Pattern.ODD and v.parameter == COMMAND:
-        like = v.at[v.recordings[0]]
-        return f"{v.recordings[0]} follows the {words.command} of {like}, not what its {words.declared_in}"
-    if v.kind is Pattern.ODD and v.parameter == RECORDING:
-        return f"{some(v.recordings)} does not fit, and no single number explains why"
-    if v.kind is Pattern.ODD:
-        return _not_driven([v], words) if v.parameter in words.drive else _far(v, words)
+    odd, name = v.kind is Pattern.ODD, _called(v.parameter, words)
     if v.kind is Pattern.SCATTER:
-        return f"{_called(v, words)} scatters by {_scatter(v)} from {words.one} to {words.one}"
-    at = [v.at.get(name) for name in v.recordings]
-    if v.kind is Pattern.STEP or any(isinstance(x, str) for x in at):
-        return f"{_level(v, words)} {_after(v, words)}"
-    return _sloped(v, words)
+        return say("scatters", name=name, by=_scatter(v), words=words)
+    if v.unit == FRAMES:
+        return _lost(v)
+    if odd and v.parameter == COMMAND:
+        return say("command", first=v.recordings[0], like=v.at[v.recordings[0]], words=words)
+    if odd and v.parameter == RECORDING:
+        return say("alone", recordings=some(v.recordings))
+    if odd and v.parameter in words.drive:
+        return _not_driven([v], words)
+    level = f"{name} is {_level(v)}"
+    if odd:
+        also = " or ".join(_called(n, words) for n in v.also)
+        return f"{level} in {some(v.recordings)}{say('also', also=also) if also else ''}"
+    if v.kind is Pattern.STEP or any(isinstance(v.at.get(n), str) for n in v.recordings):
+        return f"{level} in {_after(v, words)}"
+    return _sloped(v, name, words)
 
 
 def clauses(varies: Sequence[Varies], words: Words) -> list[str]:
@@ -50,11 +53,10 @@ def clauses(varies: Sequence[Varies], words: Words) -> list[str]:
 
 
 def _not_driven(numbers: Sequence[Varies], words: Words) -> str:
-    recordings = numbers[0].recordings
-    was, its = ("was", "its") if len(recordings) == 1 else ("were", "their")
-    each = [f"{_times(v)} times the {_name(v)}" if v.declared else _absolute(v) for v in numbers]
-    fit = f"{' at '.join(each)} fits {'it' if len(recordings) == 1 else 'them'}"
-    return f"{some(recordings)} {was} not driven as {its} {words.declared_in}: {fit}"
+    names = numbers[0].recordings
+    was, its, it = ("was", "its", "it") if len(names) == 1 else ("were", "their", "them")
+    each = [f"{_times(v)} times the {v.parameter.replace('_', ' ')}" if v.declared else _level(v) for v in numbers]
+    return say("driven", recordings=some(names), was=was, its=its, it=it, each=" at ".join(each), words=words)
 
 
 def _times(v: Varies) -> str:
@@ -67,67 +69,54 @@ def _times(v: Varies) -> str:
 
 def _lost(v: Varies) -> str:
     n, films = round(abs(v.value)), len(v.recordings)
-    frames = "one frame" if n == 1 else f"{n} frames"
-    does = "skip" if v.value > v.declared else "repeat"
-    film = f"the film of {v.recordings[0]} {does}s" if films == 1 else f"the films of {films} recordings {does}"
-    return f"{film} {frames}" + ("" if films == 1 else f": {some(v.recordings)}")
+    frames, does = "one frame" if n == 1 else f"{n} frames", "skip" if v.value > v.declared else "repeat"
+    if films == 1:
+        return say("film", first=v.recordings[0], does=does, frames=frames)
+    return say("films", n=films, does=does, frames=frames, recordings=some(v.recordings))
 
 
-def _level(v: Varies, words: Words) -> str:
-    """Of recordings that share a value: "the scale of the camera is 4.0 % larger"."""
+def _level(v: Varies) -> str:
+    """What recordings that share a value have: "4.0 % larger"."""
     if not v.declared:
-        return f"{_called(v, words)} is {_absolute(v)}"
+        return say("is", value=_with_unit(v.value, v.unit), declared=_with_unit(v.declared, v.unit))
     if not 0.5 <= (ratio := v.value / v.declared) <= 2.0:  # a slip of a factor reads as one
-        return f"{_called(v, words)} is {ratio:.3g} times what is declared"
-    return f"{_called(v, words)} is {_share(v)} {'larger' if v.value > v.declared else 'smaller'}"
-
-
-def _far(v: Varies, words: Words) -> str:
-    """Of recordings that stand apart, with what else of theirs would do as well."""
-    also = " or ".join(words.quantities.get(n) or n for n in v.also)
-    return f"{_level(v, words)} in {some(v.recordings)}{f' ({also} would fit as well)' if also else ''}"
+        return say("ratio", ratio=ratio)
+    return say("off", share=_share(v), larger="larger" if v.value > v.declared else "smaller")
 
 
 def _after(v: Varies, words: Words) -> str:
-    """Of which recordings: of a session, from one on, of a label."""
+    """Which recordings: of a session, from one on, of a label."""
     those, of = f"the {len(v.recordings)} recordings" if len(v.recordings) > 1 else "the recording", v.of or ""
     at = v.at.get(v.recordings[0]) if v.recordings else None
     if isinstance(at, str):
-        return f"in {those} of session {at}" if of == "session" else f"in {those} with {words.goes_with(of)} {at}"
+        return f"{those} of session {at}" if of == "session" else f"{those} with {words.goes_with(of)} {at}"
     inside, outside = _split(v)
     if of in IN_ORDER or not inside or not outside:
-        first = min(v.recordings, key=lambda name: _number(v.at.get(name)))
-        return f"in {those} from {first} on"
-    if min(inside) > max(outside):
-        return f"in {those} with {words.goes_with(of)} above {_with_unit(max(outside), words.unit_of(of))}"
-    if max(inside) < min(outside):
-        return f"in {those} with {words.goes_with(of)} below {_with_unit(min(outside), words.unit_of(of))}"
-    return f"in {some(v.recordings)}"
+        return f"{those} from {min(v.recordings, key=lambda name: _number(v.at.get(name)))} on"
+    side, limit = _side(inside, outside)
+    return (
+        f"{those} with {words.goes_with(of)}{_beyond(side, limit, words.unit_of(of))}" if side else some(v.recordings)
+    )
 
 
-def _sloped(v: Varies, words: Words) -> str:
+def _sloped(v: Varies, name: str, words: Words) -> str:
     """A line in order, in time or in what is known of the recordings, from where it begins."""
-    does, of = "rises" if v.value > v.declared else "falls", v.of or "order"
+    rises, of = v.value > v.declared, v.of or "order"
     by = _share(v) if v.declared else _with_unit(abs(v.value), v.unit)
     if of in IN_ORDER:
         source = f" ({of} from {v.source})" if v.source else ""
-        return f"{_called(v, words)} {does} by {by} from the first to the last recording{source}"
+        return say("in order", name=name, does="rises" if rises else "falls", by=by, source=source)
     inside, outside = _split(v)
-    every, unit = sorted([*inside, *outside]), words.unit_of(of)
-    begins, where = (every[0] if every else math.nan), ""
-    last = every[-1] if every else math.nan
-    if inside and outside and min(inside) > max(outside):
-        begins, where = max(outside), f" above {_with_unit(max(outside), unit)}"
-    elif inside and outside and max(inside) < min(outside):
-        begins, last, where = min(outside), min(inside), f" below {_with_unit(min(outside), unit)}"
-    span = abs(last - begins)
+    every, unit = sorted([*inside, *outside]) or [math.nan], words.unit_of(of)
+    side, limit = _side(inside, outside)
+    begins, last = (limit if side else every[0]), every[0 if side == "below" else -1]
+    span, where = abs(last - begins), _beyond(side, limit, unit) if side else ""
+    rate = by if where or not math.isfinite(span) else f"{by} from {begins:.3g} to {_with_unit(last, unit)}"
     if unit and span >= 1.0:
-        rate = f"by {_share(v, 1.0 / span) if v.declared else _with_unit(abs(v.value) / span, v.unit)} a {unit}"
-    else:
-        ends = f" from {begins:.3g} to {_with_unit(last, unit)}" if math.isfinite(span) and not where else ""
-        rate = f"by {by}{ends}"
-    does = {"rises": "falls", "falls": "rises"}[does] if last < begins and unit and span >= 1.0 else does
-    return f"{_called(v, words)} {does} with {words.goes_with(of)}{where}, {rate}"
+        rate = f"{_share(v, 1.0 / span) if v.declared else _with_unit(abs(v.value) / span, v.unit)} a {unit}"
+        rises ^= last < begins
+    does = "rises" if rises else "falls"
+    return say("slope", name=name, does=does, of=words.goes_with(of), where=where, rate=rate)
 
 
 def _split(v: Varies) -> tuple[list[float], list[float]]:
@@ -135,6 +124,19 @@ def _split(v: Varies) -> tuple[list[float], list[float]]:
     each = {name: x for name, x in v.at.items() if isinstance(x, (int, float)) and math.isfinite(x)}
     inside = [x for name, x in each.items() if name in v.recordings]
     return inside, [x for name, x in each.items() if name not in v.recordings]
+
+
+def _side(inside: Sequence[float], outside: Sequence[float]) -> tuple[str, float]:
+    """On which side of all others some stand, and the nearest of these; "" where on neither."""
+    if inside and outside and min(inside) > max(outside):
+        return "above", max(outside)
+    if inside and outside and max(inside) < min(outside):
+        return "below", min(outside)
+    return "", math.nan
+
+
+def _beyond(side: str, limit: float, unit: str) -> str:
+    return f" {side} {_with_unit(limit, unit)}"
 
 
 def _scatter(v: Varies) -> str:
@@ -160,10 +162,6 @@ def _digits(value: float, sigma: float) -> int:
     return min(max(worth, 0), 1 if value >= 1.0 else max(3, two))
 
 
-def _absolute(v: Varies) -> str:
-    return f"{_with_unit(v.value, v.unit)}, not {_with_unit(v.declared, v.unit)},"
-
-
 def _with_unit(x: float, unit: str) -> str:
     return f"{x:.3g}{f' {unit}' if unit not in ('', '1') else ''}"
 
@@ -172,12 +170,8 @@ def _number(x: float | str | None) -> float:
     return float(x) if isinstance(x, (int, float)) else math.inf
 
 
-def _name(v: Varies) -> str:
-    return v.parameter.replace("_", " ")
-
-
-def _called(v: Varies, words: Words) -> str:
-    return words.quantities.get(v.parameter) or v.parameter
+def _called(parameter: str, words: Words) -> str:
+    return words.quantities.get(parameter) or parameter
 
 
 def some(names: Sequence[str]) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,16 +16,6 @@ from jumpvision.base.arrays import Array
 
 from . import readings
 from .noise import Noise, Stretch, estimate
-
-
-@dataclass(frozen=True)
-class Source:
-    """What one kind of evidence says of the noise. sigma: standard deviation [unit of y]; log_sigma: standard
-    uncertainty of its logarithm; n: samples beyond the coefficients of their courses (tracks, for what they state)."""
-
-    sigma: float
-    log_sigma: float
-    n: int
 
 
 def learn_level(used: Sequence[Stretch], frame: float, least: float) -> Noise:

@@ -9,8 +9,8 @@ import numpy as np
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
-from jumpvision.engine.document.values import Doubt
-from jumpvision.engine.noise.learning import Source, differences, learn_level, with_wander
+from jumpvision.engine.document.values import Doubt, NoiseSource
+from jumpvision.engine.noise.learning import differences, learn_level, with_wander
 from jumpvision.engine.noise.noise import Noise, Stretch, frame_of, powers, rounding_step, whitened
 from jumpvision.engine.noise.readings import reach_of
 
@@ -32,7 +32,7 @@ class Readings:
 
     channels: tuple[Noise, ...]
     noise: Noise
-    sources: tuple[dict[str, Source], ...]
+    sources: tuple[dict[str, NoiseSource], ...]
     warnings: tuple[str, ...]
 
     def with_error(self, error: Array) -> Readings:
@@ -42,7 +42,7 @@ class Readings:
             return self
         channels = tuple(replace(n, s=float(np.hypot(n.s, e))) for n, e in own)
         sources = tuple(
-            {**s, "the simulator": Source(e, STATED, 0)} if e >= SMALL * n.s else s
+            {**s, "the simulator": NoiseSource(e, STATED, 0)} if e >= SMALL * n.s else s
             for s, (n, e) in zip(self.sources, own)
         )
         noise = channels[0] if len(channels) == 1 else self.noise
@@ -97,7 +97,7 @@ def learn_readings(study: Study, recordings: Sequence[Recording]) -> Readings:
 Track = tuple[Array, Array, str, Array | None]
 
 
-def _channel(c: Channel, tracks: Sequence[Track], warnings: list[str]) -> tuple[Noise, dict[str, Source]]:
+def _channel(c: Channel, tracks: Sequence[Track], warnings: list[str]) -> tuple[Noise, dict[str, NoiseSource]]:
     frame = frame_of([t for t, *_ in tracks])
     if c.process:  # until it is learned from how the simulation errs: what a fit by least squares needs
         # first guess: a hundredth of the spread of the readings
@@ -107,7 +107,7 @@ def _channel(c: Channel, tracks: Sequence[Track], warnings: list[str]) -> tuple[
         s = c.noise if c.noise is not None else float(np.median(np.concatenate(stated)))
         noise = Noise(s, c.correlation, frame, log_sigma=2 * STATED, log_power=2 * STATED)
         noise = replace(noise, drift=c.wander, reach=reach_of([t for t, *_ in tracks]))
-        return noise, {"stated": Source(s, STATED, 0)}
+        return noise, {"stated": NoiseSource(s, STATED, 0)}
     least = max(rounding_step(y) for _, y, *_ in tracks) / np.sqrt(12.0)
     pairs = _repeats(tracks)
     try:
@@ -128,7 +128,7 @@ def _channel(c: Channel, tracks: Sequence[Track], warnings: list[str]) -> tuple[
             f"{WINDOWS[0]} to {WINDOWS[-1]} samples: slower errors are not known; state it, or repeat a recording "
             "(same `group`)"
         )
-    return noise, {"repeats" if pairs else "smoothness": Source(noise.s, noise.log_sigma / 2, noise.n)}
+    return noise, {"repeats" if pairs else "smoothness": NoiseSource(noise.s, noise.log_sigma / 2, noise.n)}
 
 
 def _repeats(tracks: Sequence[Track]) -> list[tuple[Array, Array]]:

@@ -16,8 +16,8 @@ import numpy as np
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
+from jumpvision.engine.document.values import NoiseSource
 from jumpvision.engine.fitting import Fit
-from jumpvision.engine.noise.learning import Source
 from jumpvision.engine.noise.noise import Noise
 
 from .learn import Readings, together
@@ -57,7 +57,7 @@ def with_walks(system: Studied, base: Fit) -> Readings:
         length = float(np.median([r.t[-1] - r.t[0] for r in system.recordings]))
         frame = float(np.median(np.concatenate([np.diff(r.t) for r in system.recordings])))
         noises[k] = as_walk(coefficient, free, length, frame)
-        sources[k] = {"random walk [per sqrt(s)]": Source(coefficient, math.sqrt(0.5 / free), free)}
+        sources[k] = {"random walk [per sqrt(s)]": NoiseSource(coefficient, math.sqrt(0.5 / free), free)}
     samples = [sum(int(m[:, k].sum()) for m in system.masks) for k in range(len(channels))]
     total = noises[0] if len(noises) == 1 else together(noises, samples)
     return replace(readings, channels=tuple(noises), noise=total, sources=tuple(sources))

@@ -155,7 +155,7 @@ def noise_of(d: Findings, system: Studied) -> record.Noise:
     """The noise by channel, with what a reader must be warned of."""
     channels, readings = system.study.channels, system.readings
     sources = {
-        f"{c.name}: {how}" if len(channels) > 1 else how: record.NoiseSource(s.sigma, s.log_sigma, s.n)
+        f"{c.name}: {how}" if len(channels) > 1 else how: s
         for c, of in zip(channels, readings.sources)
         for how, s in of.items()
     }

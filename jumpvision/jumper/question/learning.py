@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jumpvision.base.arrays import MAD, Array
+from jumpvision.engine.document.values import NoiseSource
 from jumpvision.engine.fitting import Problem
 from jumpvision.engine.noise import readings
-from jumpvision.engine.noise.learning import Source, learn_level, with_wander
+from jumpvision.engine.noise.learning import learn_level, with_wander
 from jumpvision.engine.noise.noise import (
     LEARNED_FROM,
     TOP,
@@ -58,7 +59,7 @@ class Learned:
     sigma: float
     tails: float
     tracks: Array
-    sources: Mapping[str, Source | None]
+    sources: Mapping[str, NoiseSource | None]
     warnings: tuple[str, ...]
     outliers: tuple[tuple[str, float, float], ...]
 
@@ -181,7 +182,7 @@ class _Level:
     noise: Noise
     sigma: float
     tails: float
-    sources: dict[str, Source | None]
+    sources: dict[str, NoiseSource | None]
 
 
 def _level(evidence: _Evidence, stated: Array, scale: Array, frame: float, step: float, warnings: list[str]) -> _Level:
@@ -189,13 +190,13 @@ def _level(evidence: _Evidence, stated: Array, scale: Array, frame: float, step:
     used, parts, least = evidence.used, evidence.parts, step / math.sqrt(12.0)
     if samples(used) < LEARNED_FROM:
         noise = only_stated(stated, frame, samples(used), warnings)
-        sources: dict[str, Source | None] = dict.fromkeys(("rest", "flight", "repeats"))
+        sources: dict[str, NoiseSource | None] = dict.fromkeys(("rest", "flight", "repeats"))
         return _Level(noise, noise.s, math.inf, sources | {"stated": of_statements(stated)})
     noise = learn_level(used, frame, least)
     kurtosis = noise.kurtosis
     sources = {k: of_stretches(v, noise, kurtosis) for k, v in parts.items()}
     if step > 0 and (found := sources["repeats"]) is not None:
-        sources["repeats"] = replace(found, sigma=of_rounded(found.sigma, step))
+        sources["repeats"] = replace(found, sigma_m=of_rounded(found.sigma_m, step))
     noise = combined(noise, sources, used, parts, least, warnings)
     noise = replace(with_stated(noise, sources, stated, scale, kurtosis, warnings), kurtosis=kurtosis)
     return _Level(noise, *half_width(used, noise), sources | {"stated": of_statements(stated)})

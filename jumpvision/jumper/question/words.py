@@ -97,7 +97,6 @@ class JumperSpeaker:
     def noise(self, d: Findings) -> record.Noise:
         """What is known of the noise and from where, with everything about it that a reader must be warned of."""
         learned, n = self.learned, self.learned.noise
-        sources = {k: learned.sources.get(k) for k in ("stated", "rest", "flight", "repeats")}
         names = [j.name for j in learned.system.jumps]
         return record.Noise(
             sigma_m=learned.sigma,
@@ -106,7 +105,7 @@ class JumperSpeaker:
             tails=None if learned.tails > 30.0 else record.Tails(learned.tails),
             drift_m=n.drift,
             samples=n.n,
-            sources={k: record.NoiseSource(s.sigma, s.log_sigma, s.n) if s else None for k, s in sources.items()},
+            sources={k: learned.sources.get(k) for k in ("stated", "rest", "flight", "repeats")},
             scatter={k: s for k, s in learned.scatter.items() if s > 0},
             # a track's own noise is listed from 1.5 times the typical one
             tracks={k: float(f) for k, f in zip(names, learned.tracks) if abs(math.log(f)) > math.log(1.5)},
