@@ -165,8 +165,7 @@ def opened(browser: Any, server: Any, width: int, height: int) -> Iterator[Any]:
         yield page
     finally:
         context.close()
-        server.shutdown()
-        server.server_close()
+        server.close()
 
 
 def demo(browser: Any) -> bytes:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import multiprocessing
 import os
 import pickle
 import subprocess
@@ -245,6 +246,12 @@ def dying(p, r):
     return swing(p, r)
 
 
+def leaving(p, r):
+    if p["W"] > 50.0:
+        os._exit(0)
+    return swing(p, r)
+
+
 def hanging(p, r):
     while p["W"] > 50.0:
         time.sleep(0.05)
@@ -259,15 +266,27 @@ def hanging(p, r):
         (other_shape, {}, r"simulated values of shape \(7,\); expected \(100, 1\)"),
         (failing, {"workers": 1}, "raised ZeroDivisionError"),
         (dying, {"workers": 1}, "died by signal 11"),
+        (leaving, {"workers": 1}, "died with exit status 0"),
         (hanging, {"limit": 2.0}, r"took longer than 2 s \(limit\)"),
     ],
-    ids=["raises", "nan", "shape", "raises elsewhere", "dies", "hangs"],
+    ids=["raises", "nan", "shape", "raises elsewhere", "dies", "leaves", "hangs"],
 )
 def test_a_failing_run_is_told_with_its_parameters(function, how, said):
     with pytest.raises(SimulatorError, match=said) as caught:
         jv.diagnose(world(n=2), study(function), **how)
     assert "recording 'swing" in str(caught.value) and "W = " in str(caught.value)
     assert caught.value.parameters["W"] > 50.0 and caught.value.parameters["dry"] == 0.0
+    assert multiprocessing.active_children() == []
+
+
+def test_an_interrupt_leaves_no_process():
+    def interrupt(said):
+        if said.startswith("simulations"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        jv.diagnose(world(n=4), study(), workers=2, progress=interrupt)
+    assert multiprocessing.active_children() == []
 
 
 def breaking(p, r):

@@ -46,8 +46,7 @@ def served():
 
     yield serve
     for s in open_ones:
-        s.shutdown()
-        s.server_close()
+        s.close()
 
 
 def until(page, condition, limit=60.0):
@@ -69,8 +68,7 @@ def test_a_report_draws_its_figures_and_reads_them(opened, tmp_path):
 
 def test_the_workbench_shows_tracks_and_writes(opened, served, tmp_path):
     shutil.copytree(SAMPLES / "hard_ground", tmp_path / "hard", ignore=shutil.ignore_patterns("truth.json"))
-    server = Workbench(tmp_path / "hard", 0)
-    page = opened(served(server))
+    page = opened(served(Workbench(tmp_path / "hard", 0)))
     until(page, "!!window.workbench?.ready && workbench.player.shown === 0")
     page.keyboard.press("t")
     until(page, "workbench.store.track.finished && !workbench.store.track.running")
@@ -79,4 +77,3 @@ def test_the_workbench_shows_tracks_and_writes(opened, served, tmp_path):
     until(page, "workbench.player.shown === 300")
     page.keyboard.press("5")
     page.locator("#write").wait_for(state="visible")
-    server.close_benches()

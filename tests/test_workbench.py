@@ -69,13 +69,11 @@ def served():
 
     yield serve
     for s in open_ones:
-        s.shutdown()
-        s.server_close()
-        s.close_benches()
+        s.close()
 
 
 def asked(server: Server, path: str, question: object = None, **headers: str) -> tuple[int, object]:
-    c = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=60)
+    c = http.client.HTTPConnection("127.0.0.1", server.port, timeout=60)
     path = server.root + path.removeprefix("/")
     if question is None:
         c.request("GET", path, headers=headers)
@@ -328,7 +326,7 @@ def test_bad_questions_are_answered_with_what_is_wrong(tmp_path, served):
         ("/api/frame/bed_image/0/640.jpg", None, 400, "[bed_image]"),
         ("/api/frame/../server.py", None, 404, "no such page"),
         ("/../server.py", None, 404, "no such page"),
-        ("/api/nothing", {}, 404, "no such question"),
+        ("/api/nothing", {}, 404, "no such page"),
         ("/api/find", {"section": "rod_video", "frame": "0"}, 400, "frame = '0'"),
         ("/api/find", {"section": "rod_video", "frame": 0, "seed": [1]}, 400, "seed = [1]"),
         ("/api/preview", {"draft": []}, 400, "must be an object"),
@@ -346,6 +344,7 @@ def test_bad_questions_are_answered_with_what_is_wrong(tmp_path, served):
     assert asked(s, "/api/state", Host="elsewhere.example:80")[0] == 403
     assert asked(s, "/api/track", {}, Origin="https://elsewhere.example")[0] == 403
     assert asked(s, "/api/track", {}, **{"Content-Type": "text/plain"})[0] == 415
+    assert asked(s, "/api/track", b" " * 4_000_001)[0] == 413
     assert s.benches.bench.following is None
 
 
@@ -356,7 +355,7 @@ def test_who_does_not_know_the_address_is_not_answered(tmp_path, served):
     assert s.root != other.root and len(s.root) > 20
     for place in ("/", "/api/state", "/main.js", other.root, other.root + "api/state", s.root[:-2] + "/api/state"):
         for method in ("GET", "POST"):
-            c = http.client.HTTPConnection("127.0.0.1", s.server_port, timeout=60)
+            c = http.client.HTTPConnection("127.0.0.1", s.port, timeout=60)
             c.request(method, place, b"{}" if method == "POST" else None, {"Content-Type": "application/json"})
             reply = c.getresponse()
             assert reply.status == 403 and b"secret part" in reply.read()

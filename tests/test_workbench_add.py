@@ -22,7 +22,7 @@ PIECE = bytes(range(256)) * 4096  # 1 MiB
 
 
 def posted(server, path: str, body: object, kind: str = "application/json", root: str | None = None):
-    c = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=60)
+    c = http.client.HTTPConnection("127.0.0.1", server.port, timeout=60)
     content = body if isinstance(body, bytes) else json.dumps(body).encode()
     c.request("POST", (server.root if root is None else root) + path, content, {"Content-Type": kind})
     reply = c.getresponse()
@@ -49,7 +49,7 @@ def test_a_film_is_sent_in_pieces_and_half_of_one_leaves_nothing(tmp_path, serve
     s, size = served(tmp_path / "drop"), 64 * len(PIECE)
     before = tree(tmp_path)
     assert posted(s, "api/add", {"folder": "new", "files": {"a.npy": size, "b.csv": 3}}) == (200, {})
-    c = http.client.HTTPConnection("127.0.0.1", s.server_port, timeout=60)
+    c = http.client.HTTPConnection("127.0.0.1", s.port, timeout=60)
     kind = {"Content-Type": "application/octet-stream", "Content-Length": str(size)}
     tracemalloc.start()
     c.request("POST", f"{s.root}api/add/file/a.npy", iter([PIECE] * 40), kind)

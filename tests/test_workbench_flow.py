@@ -281,9 +281,7 @@ def served():
 
     yield serve
     for s in servers:
-        s.shutdown()
-        s.server_close()
-        s.close_benches()
+        s.close()
 
 
 class Hand:

@@ -1,150 +1,132 @@
-"""A page served on this machine only, by the standard library: its files, its server, one connection of a browser."""
+"""A page served on this machine only, by Starlette and uvicorn: who may ask, what every answer says, the server."""
 
 from __future__ import annotations
 
-import re
+import mimetypes
 import secrets
 import socket
-import sys
-from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from importlib.resources import files
+from collections.abc import Iterator, Sequence
+
+import uvicorn
+from anyio import from_thread  # of Starlette, whose threads they are
+from starlette.applications import Starlette
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import JSONResponse
+from starlette.routing import BaseRoute, Mount
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from .schema import InputError
 
 HOST = "127.0.0.1"
-PIECE = 2**20  # bytes of what is sent that are in memory at a time
-TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
+for suffix, kind in {".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}.items():
+    mimetypes.add_type(kind, suffix)  # Windows' registry may say otherwise
 # of a page that holds all it needs: it reaches nothing, and none of this server's questions
 ALONE = (
     "sandbox allow-scripts allow-popups; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
     "img-src data: blob:; media-src data: blob:; font-src data:; frame-ancestors 'self'"
 )
-POLICY = "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; frame-ancestors 'none'"
+HEADERS = {
+    "Cache-Control": "no-store",
+    "Content-Security-Policy": (
+        "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; frame-ancestors 'none'"
+    ),
+    "X-Content-Type-Options": "nosniff",
+}
 
 
-def static_files(package: str, index: str) -> dict[str, tuple[str, bytes]]:
-    """Address -> type and content of a package's static/ and the folders in it. Only these are served: no address is
-    turned into a path."""
-    out, folders = {}, [("/", files(package).joinpath("static"))]
-    for prefix, folder in folders:
-        for f in folder.iterdir():
-            suffix = f.name[f.name.rfind(".") :]
-            if f.is_dir():
-                folders.append((f"{prefix}{f.name}/", f))
-            elif suffix in TYPES:
-                out[prefix + f.name] = (f"{TYPES[suffix]}; charset=utf-8", f.read_bytes())
-    out["/"] = out[f"/{index}"]
-    return out
+class OwnPage:
+    """Answer our own page and programs on this machine that know the address; give every answer its `HEADERS`.
+
+    Another site's name may be pointed here (Host), and any page that is open in the browser may send here (Origin).
+    """
+
+    def __init__(self, app: ASGIApp, root: str, port: int) -> None:
+        self.app, self.root = app, root
+        self.here = [f"{name}{end}" for end in (f":{port}", "")[: 1 + (port == 80)] for name in (HOST, "localhost")]
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        async def send_with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in HEADERS.items():
+                    headers.setdefault(name, value)
+            await send(message)
+
+        refusal = self.refusal(Headers(scope=scope), scope["path"])
+        app = JSONResponse({"problems": [refusal]}, 403) if refusal else self.app
+        await app(scope, receive, send_with_headers)
+
+    def refusal(self, headers: Headers, path: str) -> str:
+        """Say why nothing is answered; "" where it is."""
+        if len(hosts := headers.getlist("host")) != 1 or hosts[0].lower() not in self.here:
+            return f"Host: must be {' or '.join(self.here)}"
+        if any(o.lower() not in [f"http://{h}" for h in self.here] for o in headers.getlist("origin")):
+            return f"Origin: must be this page (http://{self.here[0]}); no other page may ask"
+        if not secrets.compare_digest(path[: len(self.root)].encode(), self.root.encode()):
+            return "the secret part of this address is missing; open the address that the terminal shows"
+        return ""
 
 
-class LocalServer(ThreadingHTTPServer):
-    """Listens on 127.0.0.1; port 0 takes a free one (`address` tells which). command: named where it cannot.
+class LocalServer:
+    """Serve routes on 127.0.0.1; port 0 takes a free one (`address` tells which). command: named where it cannot.
 
     secret: only who knows the address is answered: its first part is drawn anew by every server, since other users of
     the machine reach the port too.
     """
 
-    daemon_threads = True
-
-    def __init__(self, port: int, handler: type[BaseHTTPRequestHandler], command: str, *, secret: bool = False):
-        self.root = f"/{secrets.token_urlsafe(16)}/" if secret else "/"
+    def __init__(self, port: int, routes: Sequence[BaseRoute], command: str, *, secret: bool = False) -> None:
         try:
-            super().__init__((HOST, port), handler)
+            self.socket = socket.create_server((HOST, port))
         except (OSError, OverflowError) as e:
             raise InputError([f"{command} --port {port}: {e}; give another port, or 0 for a free one"]) from None
+        self.port = self.socket.getsockname()[1]
+        self.root = f"/{secrets.token_urlsafe(16)}/" if secret else "/"
+        self.address = f"http://{HOST}:{self.port}{self.root}"
+        app = Starlette(
+            routes=[Mount(self.root[:-1], routes=routes)],
+            middleware=[Middleware(OwnPage, self.root, self.port)],
+            exception_handlers={HTTPException: _problems, ValueError: _problems, OSError: _problems, 500: _problems},
+        )
+        config = uvicorn.Config(
+            app, lifespan="off", ws="none", timeout_keep_alive=60, log_level="error", access_log=False
+        )
+        self.server = uvicorn.Server(config)
 
-    def handle_error(self, request: socket.socket | tuple[bytes, socket.socket], client_address: object) -> None:
-        """A browser that leaves in the middle of an answer is no error."""
-        if not isinstance(sys.exc_info()[1], ConnectionError | TimeoutError):
-            super().handle_error(request, client_address)
+    def serve_forever(self) -> None:
+        """Answer until Ctrl-C (KeyboardInterrupt) or `close`."""
+        self.server.run([self.socket])
 
-    @property
-    def address(self) -> str:
-        return f"http://{HOST}:{self.server_port}{self.root}"
-
-
-class Refused(Exception):
-    """A request that is not answered; status: of HTTP."""
-
-    def __init__(self, status: int, text: str):
-        self.status, self.text = status, text
-        super().__init__(text)
+    def close(self) -> None:
+        """End `serve_forever`, which another thread runs."""
+        self.server.should_exit = True
 
 
-class LocalHandler(BaseHTTPRequestHandler):
-    """One connection of a browser."""
+def _problems(request: Request, error: Exception) -> JSONResponse:
+    """Answer what is wrong as {"problems": [text, ...]}."""
+    if isinstance(error, HTTPException):
+        if error.status_code in (404, 405):
+            return JSONResponse({"problems": [f"{request.url.path}: there is no such page"]}, 404)
+        return JSONResponse({"problems": [error.detail]}, error.status_code)
+    if isinstance(error, ValueError | OSError):
+        return JSONResponse({"problems": error.problems if isinstance(error, InputError) else [str(error)]}, 400)
+    return JSONResponse({"problems": ["the server failed; the terminal of this command says where"]}, 500)
 
-    protocol_version = "HTTP/1.1"
-    disable_nagle_algorithm = True
-    timeout = 60.0  # s without a byte, after which a connection is given up
-    server: LocalServer
 
-    def check_asker(self) -> None:
-        """Refused unless our own page, or a program on this machine, asks.
-
-        Another site's name may be pointed here (Host), and any page that is open in the browser may send here (Origin).
-        """
-        port = self.server.server_port
-        here = [f"{name}:{port}" for name in (HOST, "localhost")]
-        if port == 80:
-            here += [HOST, "localhost"]
-        hosts, origins = self.headers.get_all("Host", []), self.headers.get_all("Origin", [])
-        if len(hosts) != 1 or hosts[0].lower() not in here:
-            self.close_connection = True
-            raise Refused(403, f"Host: must be {' or '.join(here)}")
-        if any(o.lower() not in [f"http://{h}" for h in here] for o in origins):
-            self.close_connection = True
-            raise Refused(403, f"Origin: must be this page (http://{here[0]}); no other page may ask")
-        if self.command != "POST" and (self.headers.get("Content-Length", "0") != "0" or self._chunked):
-            self.close_connection = True
-            raise Refused(400, f"{self.command}: has no body")
-
-    def place(self) -> str:
-        """What is asked for, from / on; Refused where the address lacks the server's own part."""
-        root, begin = self.server.root, self.path[: len(self.server.root)]
-        if not secrets.compare_digest(begin.encode(), root.encode()):
-            self.close_connection = True
-            raise Refused(403, "the secret part of this address is missing; open the address that the terminal shows")
-        return self.path[len(root) - 1 :]
-
-    @property
-    def _chunked(self) -> bool:
-        return "Transfer-Encoding" in self.headers
-
-    def body(self, largest: int) -> bytes:
-        """What was sent, JSON by its own word; Refused where its length [bytes] is not given, too large or not kept."""
-        return b"".join(self.pieces(largest, "application/json"))
-
-    def pieces(self, largest: int, kind: str) -> Iterator[bytes]:
-        """`body`, of a kind, as it comes."""
-        said = self.headers.get_all("Content-Length", [])
-        self.close_connection = True  # what is not read is not the next request
-        if self._chunked or len(said) != 1 or not re.fullmatch("[0-9]{1,12}", said[0]) or int(said[0]) > largest:
-            raise Refused(413, f"Content-Length: must be given once and at most {largest} bytes")
-        if self.headers.get_content_type() != kind:
-            raise Refused(415, f"Content-Type: must be {kind}")
-        left = int(said[0])
-        while left:
-            piece = self.rfile.read(min(left, PIECE))
-            if not piece:
-                raise Refused(400, f"Content-Length: {said[0]} bytes, but {int(said[0]) - left} came")
-            left -= len(piece)
+def pieces(request: Request, largest: int, kind: str) -> Iterator[bytes]:
+    """What was sent, as it comes, for a function in a thread; HTTPException where its length [bytes] is not given, too
+    large or not kept, or its type is not `kind`."""
+    size = request.headers.get("Content-Length", "")
+    if not size.isdecimal() or int(size) > largest:
+        raise HTTPException(413, f"Content-Length: must be given and at most {largest} bytes")
+    if request.headers.get("Content-Type", "").partition(";")[0].strip() != kind:
+        raise HTTPException(415, f"Content-Type: must be {kind}")
+    stream, came = request.stream(), 0
+    try:
+        while piece := from_thread.run(anext, stream, b""):
+            came += len(piece)
             yield piece
-        self.close_connection = self.headers.get("Connection", "").lower() == "close"
-
-    def send(self, status: int, kind: str, body: bytes, policy: str = POLICY) -> None:
-        self.send_response(status)
-        for name, value in {
-            "Content-Type": kind,
-            "Content-Length": str(len(body)),
-            "Cache-Control": "no-store",
-            "Content-Security-Policy": policy,
-            "X-Content-Type-Options": "nosniff",
-        }.items():
-            self.send_header(name, value)
-        self.end_headers()
-        self.wfile.write(body)
-
-    def log_message(self, *_: object) -> None:
-        """No line for every request."""
+    except ClientDisconnect:
+        raise HTTPException(400, f"Content-Length: {size} bytes, but {came} came") from None

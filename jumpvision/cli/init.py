@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -194,9 +195,6 @@ def open_path(path: Path, /, *, simulator: str = "", port: int = 0, browser: boo
 
     from . import terminal as show
 
-    with Server(path, port, simulator) as server:
-        try:
-            show.served(server, browser=browser)
-        finally:
-            server.close_benches()
+    with closing(Server(path, port, simulator)) as server:
+        show.served(server, browser=browser)
     return DONE

@@ -31,8 +31,7 @@ def demo(*, port: int = 8765, browser: bool = True, export: Path | None = None) 
         page.export(export)
         print(export / "index.html")
         return DONE
-    with page.Server(port) as server:
-        show.served(server, browser=browser)
+    show.served(page.Server(port), browser=browser)
     return DONE
 
 

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import json
+import mimetypes
 import re
 from importlib.resources import files
 from pathlib import Path
 
-from jumpvision.base.local_page import TYPES, LocalHandler, LocalServer
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Route
+
+from jumpvision.base.local_page import LocalServer
 from jumpvision.base.schema import InputError
 
 from . import controls, laws
@@ -41,20 +47,15 @@ class Server(LocalServer):
     """The jumper's page."""
 
     def __init__(self, port: int):
-        self.files = page_files()
-        super().__init__(port, Handler, "demo")
+        content = page_files()
 
+        def show(request: Request) -> Response:
+            name = request.path_params.get("name", "index.html")
+            if name not in content:
+                raise HTTPException(404)
+            return Response(content[name], media_type=mimetypes.guess_type(name)[0])
 
-class Handler(LocalHandler):
-    server: Server
-
-    def do_GET(self) -> None:
-        name = self.path.partition("?")[0].removeprefix("/") or "index.html"
-        if name in self.server.files:
-            kind = TYPES[name[name.rfind(".") :]]
-            self.send(200, f"{kind}; charset=utf-8", self.server.files[name])
-        else:
-            self.send(404, "text/plain; charset=utf-8", f"/{name}: there is no such page".encode())
+        super().__init__(port, [Route("/", show), Route("/{name}", show)], "demo")
 
 
 def export(folder: Path) -> None:

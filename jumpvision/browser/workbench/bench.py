@@ -451,7 +451,7 @@ class Benches:
         """What its results say of one of the experiments."""
         return why(name, self._folder(name), self.whole)
 
-    def small(self, name: str, frame: int | None) -> bytes:
+    def small(self, name: str, frame: int | None = None) -> bytes:
         """A small picture of an experiment's film; larger of a frame."""
         return small(self._folder(name)) if frame is None else small(self._folder(name), frame, LARGER)
 

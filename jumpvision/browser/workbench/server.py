@@ -10,29 +10,25 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import re
-import traceback
 from collections.abc import Callable
 from pathlib import Path
-from urllib.parse import unquote
 
-from jumpvision.base.local_page import ALONE, LocalHandler, LocalServer, Refused, static_files
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import BaseRoute, Mount, Route
+from starlette.staticfiles import StaticFiles
+
+from jumpvision.base.local_page import ALONE, LocalServer, pieces
 from jumpvision.base.record import plain
 from jumpvision.base.schema import InputError
-from jumpvision.films.frames import FrameError
 
 from .bench import Benches
 from .draft import draft_of
 from .plotting import Motion, Part
 
 LARGEST = 4_000_000  # bytes of a question
-FRAME = re.compile(r"/api/frame/([a-z_]+)/([0-9]{1,9})/([0-9]{1,5})\.jpg")
-TRACK = re.compile(r"/api/track\?since=([0-9]{1,9})")
-REPORT = re.compile(r"/report/(?:([^/]+)/)?report\.html")
-ADD = re.compile(r"/api/add/file/([^/]+)")
 LARGEST_FILE = 10**12 - 1  # bytes
-SMALL = re.compile(r"/small/([^/]+?)(?:/([0-9]{1,9}))?\.jpg")
-WHY = re.compile(r"/api/why/([^/]+)")
 Question = dict[str, object]
 
 
@@ -208,99 +204,68 @@ class Server(LocalServer):
     """Serves the benches of a path, with a user's own study. Raises InputError where nothing is there to open."""
 
     def __init__(self, path: Path, port: int, study: str = ""):
-        self.files = static_files(__package__, "index.html")
         self.benches = Benches(path, study)
-        super().__init__(port, Handler, "open", secret=True)
+        super().__init__(port, routes(self.benches), "open", secret=True)
 
-    def close_benches(self) -> None:
+    def close(self) -> None:
         """Stops what runs and gives the films back."""
+        super().close()
         self.benches.close()
 
 
-class Handler(LocalHandler):
-    server: Server
+def routes(b: Benches) -> list[BaseRoute]:
+    """What is answered, with the path's own parts by name."""
 
-    def do_GET(self) -> None:
-        self._answer(self._get)
+    def told(path: str, answer: Callable[..., object]) -> Route:
+        return Route(path, lambda r: _json(answer(**r.path_params)))
 
-    def do_POST(self) -> None:
-        self._answer(self._post)
+    def picture(path: str, jpeg: Callable[..., bytes]) -> Route:
+        return Route(path, lambda r: Response(jpeg(**r.path_params), media_type="image/jpeg"))
 
-    def _get(self) -> None:
-        self.check_asker()
-        benches, path = self.server.benches, self.place()
-        if m := FRAME.fullmatch(path):
-            self.send(200, "image/jpeg", benches.bench.film(m[1]).jpeg(int(m[2]), int(m[3])))
-        elif m := TRACK.fullmatch(path):
-            self._json(200, _followed(benches, int(m[1])))
-        elif path == "/api/state":
-            self._json(200, benches.state())
-        elif path == "/api/flow/all":
-            self._json(200, _matched(benches))
-        elif path == "/api/earlier":
-            self._json(200, benches.earlier())
-        elif path == "/api/glance":
-            self._json(200, benches.glance())
-        elif m := SMALL.fullmatch(path):
-            self.send(200, "image/jpeg", benches.small(unquote(m[1]), int(m[2]) if m[2] else None))
-        elif m := WHY.fullmatch(path):
-            self._json(200, benches.why(unquote(m[1])))
-        elif m := REPORT.fullmatch(path):
-            self.send(200, "text/html; charset=utf-8", benches.report(unquote(m[1] or "")), ALONE)
-        elif path == "/api/run":
-            self._json(200, _ran(benches))
-        elif (file := path.partition("?")[0]) in self.server.files:
-            self.send(200, *self.server.files[file])
-        else:
-            raise Refused(404, f"{path}: there is no such page")
+    def asked(path: str, answer: Callable[[Benches, Question], object]) -> Route:
+        return Route(path, lambda r: _json(answer(b, _question(r))), methods=["POST"])
 
-    def _post(self) -> None:
-        self.check_asker()
-        path = self.place()
-        if m := ADD.fullmatch(path):
-            self._file(unquote(m[1]))
-            return
-        body = self.body(LARGEST)
-        answer = QUESTIONS.get(path)
-        if answer is None:
-            raise Refused(404, f"{path}: there is no such question")
-        try:
-            question = json.loads(body)
-        except (ValueError, RecursionError):
-            raise Refused(400, "question: must be JSON") from None
-        if not isinstance(question, dict):
-            raise Refused(400, "question: must be a JSON object")
-        self._json(200, answer(self.server.benches, question))
+    def report(r: Request) -> Response:
+        page = b.report(r.path_params.get("name", ""))
+        return Response(page, media_type="text/html", headers={"Content-Security-Policy": ALONE})
 
-    def _file(self, name: str) -> None:
-        adding, pieces = self.server.benches.adding, self.pieces(LARGEST_FILE, "application/octet-stream")
-        if adding is None:
-            self.close_connection = True
-            raise Refused(400, f"{name}: no folder was begun for it")
-        try:
-            adding.write(name, pieces)
-        except BaseException:
-            self.close_connection = True
-            raise
-        self._json(200, {})
+    def add_file(r: Request) -> Response:
+        if b.adding is None:
+            raise InputError([f"{r.path_params['name']}: no folder was begun for it"])
+        b.adding.write(r.path_params["name"], pieces(r, LARGEST_FILE, "application/octet-stream"))
+        return _json({})
 
-    def _answer(self, work: Callable[[], None]) -> None:
-        try:
-            work()
-        except Refused as e:
-            self._json(e.status, {"problems": [e.text]})
-        except InputError as e:
-            self._json(400, {"problems": e.problems})
-        except (FrameError, ValueError, OSError) as e:
-            if isinstance(e, ConnectionError | TimeoutError):
-                raise
-            self._json(400, {"problems": [str(e)]})
-        except Exception:
-            traceback.print_exc()
-            self._json(500, {"problems": ["the workbench failed; the terminal of `jumpvision open` says where"]})
+    return [
+        picture("/api/frame/{section}/{i:int}/{width:int}.jpg", lambda section, **at: b.bench.film(section).jpeg(**at)),
+        Route("/api/track", lambda r: _json(_followed(b, int(r.query_params.get("since", "0"))))),
+        told("/api/state", b.state),
+        told("/api/flow/all", lambda: _matched(b)),
+        told("/api/earlier", b.earlier),
+        told("/api/glance", b.glance),
+        told("/api/why/{name}", b.why),
+        told("/api/run", lambda: _ran(b)),
+        picture("/small/{name}/{frame:int}.jpg", b.small),
+        picture("/small/{name}.jpg", b.small),
+        Route("/report/report.html", report),
+        Route("/report/{name}/report.html", report),
+        Route("/api/add/file/{name}", add_file, methods=["POST"]),
+        *(asked(path, answer) for path, answer in QUESTIONS.items()),
+        Mount("/", StaticFiles(packages=[(str(__package__), "static")], html=True)),
+    ]
 
-    def _json(self, status: int, answer: object) -> None:
-        self.send(status, "application/json", json.dumps(plain(_open(answer))).encode())
+
+def _question(request: Request) -> Question:
+    try:
+        question = json.loads(b"".join(pieces(request, LARGEST, "application/json")))
+    except (ValueError, RecursionError):
+        raise HTTPException(400, "question: must be JSON") from None
+    if not isinstance(question, dict):
+        raise HTTPException(400, "question: must be a JSON object")
+    return question
+
+
+def _json(answer: object) -> Response:
+    return Response(json.dumps(plain(_open(answer))), media_type="application/json")
 
 
 def _open(value: object) -> object:

@@ -11,12 +11,12 @@ import pickle
 import signal
 import sys
 import threading
-import time
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, replace
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -142,47 +142,47 @@ def _raised(e: Exception) -> str:
 
 
 class Others:
-    """Runs in other processes, which may die or hang; each then begins anew."""
+    """Runs in other processes, which may die or hang; each then begins anew. A thread waits for each.
+
+    pebble's pool does not serve: it waits for ever where a simulator exits with status 0 (Fortran's STOP), and for some
+    that die as they begin (4 of 150).
+    """
 
     def __init__(self, study: Study, recordings: Sequence[Recording], how: How, workers: int) -> None:
         self.given = (how.source or study, list(recordings))
         self.limit, self.context = how.limit, _context(study, how.source)
         self.processes: list[Process] = []
         try:
-            self.processes = [Process(self.context, self.given) for _ in range(workers)]
+            for _ in range(workers):
+                self.processes.append(Process(self.context, self.given))
         except BaseException:
             self.close()
             raise
 
     def results(self, asked: Sequence[Ask]) -> Iterator[tuple[int, Given]]:
-        waiting = deque(enumerate(asked))
+        begun: dict[Future[Given], int] = {}
+        threads, free = ThreadPoolExecutor(len(self.processes)), deque(range(len(self.processes)))
         try:
-            while waiting or any(p.busy for p in self.processes):
-                for i, p in enumerate(self.processes):
-                    if p.dead:
-                        self.processes[i] = p = Process(self.context, self.given)
-                    if not p.busy and waiting:
-                        p.begin(*waiting.popleft())
-                yield from self._results()
+            for k, ask in enumerate(asked):
+                begun[threads.submit(self._result, free, ask)] = k
+            for future in as_completed(begun):
+                yield begun[future], future.result()
         finally:  # what nobody waits for any more must not answer the next question
-            for p in self.processes:
-                if p.busy:
-                    p.end()
+            threads.shutdown(wait=False, cancel_futures=True)
+            while not all(f.done() for f in begun):
+                for p in self.processes:
+                    p.process.kill()
+                    p.process.join(5.0)
 
-    def _results(self) -> Iterator[tuple[int, Given]]:
-        busy = {p.connection: p for p in self.processes if p.busy}
-        left = None
-        if self.limit is not None:
-            left = max(0.0, min(p.began for p in busy.values()) + self.limit - time.perf_counter())
-        for ready in wait(list(busy), left):
-            p = busy[ready]
-            k = p.at
-            yield k, p.result()
-        for p in busy.values():
-            if p.busy and self.limit is not None and time.perf_counter() - p.began >= self.limit:
-                k = p.at
-                p.end()
-                yield k, Failure(f"took longer than {self.limit:g} s (limit)")
+    def _result(self, free: deque[int], ask: Ask) -> Given:
+        i = free.pop()  # there are as many threads as processes
+        try:
+            if not self.processes[i].process.is_alive():
+                self.processes[i].end()
+                self.processes[i] = Process(self.context, self.given)
+            return self.processes[i].answer(ask, self.limit)
+        finally:
+            free.append(i)
 
     def close(self) -> None:
         for p in self.processes:
@@ -190,12 +190,11 @@ class Others:
 
 
 class Process:
-    """One other process and what it is busy with."""
+    """One other process."""
 
     def __init__(self, context: Any, given: tuple[Study | str, list[Recording]]) -> None:
         self.connection, child = context.Pipe()
         self.process = context.Process(target=_serve, args=(child, os.getcwd(), given), daemon=True)
-        self.at, self.busy, self.dead, self.began = -1, False, False, 0.0
         self.process.start()
         child.close()
         try:
@@ -206,36 +205,24 @@ class Process:
             self.end()
             raise InputError([said if said.startswith("--simulator") else f"the simulator {said}"])
 
-    def described(self, source: str) -> Study:
+    def answer(self, ask: Ask | None, limit: float | None = None) -> Any:
+        """Give the result of a run (None: the study without its functions); a Failure after `limit` [s], or where the
+        process dies."""
         try:
-            self.connection.send("describe")
-            found = self.connection.recv()
-        except EOFError:
-            found = Failure("died when it was asked for its parameters")
-        if isinstance(found, Failure):
-            raise InputError([f"--simulator {source}: {found.why}"])
-        return found
-
-    def begin(self, at: int, ask: Ask) -> None:
-        self.connection.send(ask)
-        self.at, self.busy, self.began = at, True, time.perf_counter()
-
-    def result(self) -> Given:
-        self.busy = False
-        try:
-            return self.connection.recv()
+            self.connection.send(ask)
+            if self.connection.poll(limit):
+                return self.connection.recv()
+            self.end()
+            return Failure(f"took longer than {limit:g} s (limit)")
         except (EOFError, ConnectionError):
             self.process.join(5.0)
             code = self.process.exitcode
             self.end()
-            died = f"by signal {-code}" if code is not None and code < 0 else f"with exit status {code}"
-            return Failure(f"died {died}")
+            return Failure(f"died by signal {-code}" if code and code < 0 else f"died with exit status {code}")
 
     def end(self) -> None:
-        self.busy, self.dead = False, True
         self.connection.close()
-        if self.process.is_alive():
-            self.process.kill()
+        self.process.kill()
         self.process.join(5.0)
 
 
@@ -314,10 +301,16 @@ def _description(study: Study, recordings: Sequence[Recording]) -> Study | Failu
 def described(source: str, recordings: Sequence[Recording]) -> Study:
     """The study MODULE:NAME as another process tells of it: nothing of the user's is imported here."""
     process = Process(multiprocessing.get_context("spawn"), (source, list(recordings)))
-    try:
-        return process.described(source)
-    finally:
-        process.end()
+    found = process.answer(None)
+    process.end()
+    return told(source, found)
+
+
+def told(source: str, found: Any) -> Any:
+    """What the study MODULE:NAME gave. Raises InputError where it is a Failure."""
+    if isinstance(found, Failure):
+        raise InputError([f"--simulator {source}: {found.why}"])
+    return found
 
 
 def _portable(value: Any) -> object:
