@@ -22,7 +22,7 @@ PARTS = {  # of the site
     "Jumping robots": ["planning", "report", "figures"],
     "Reference": [
         "commands", "keys", "api", "files", "stages", "physics", "hard_ground", "granular", "laboratory", "scale",
-        "benchmarks", "beside", "architecture",
+        "piv_sigma", "disc_image", "benchmarks", "beside", "architecture",
     ],
     "Stages": [
         "stages/track", "stages/bed", "stages/crater", "stages/geometry", "stages/piv", "stages/flow", "stages/column",
