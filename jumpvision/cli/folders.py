@@ -101,7 +101,7 @@ def work(
     def tell(run: Run) -> None:
         terminal.tables(run.campaign, run.outcomes, run.diagnosis, whole=options.table)
 
-    shown = Progress(many, workers=number, tell=None if options.json else tell, phases=phases)
+    shown = Progress(many, tell=None if options.json else tell, phases=phases)
     with shown as progress, noticed(terminal.compiling):
         return run_folder(
             opened,
