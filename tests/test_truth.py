@@ -194,10 +194,10 @@ def test_a_table_in_a_file_is_plain_text_and_a_row_is_one_line(capsys, monkeypat
 
 def test_a_table_in_a_narrow_terminal_is_folded_and_no_number_is_cut(capsys, monkeypatch):
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
-    monkeypatch.setenv("COLUMNS", "30")
+    monkeypatch.setenv("COLUMNS", "24")
     monkeypatch.setenv("NO_COLOR", "1")
-    show.table([{"experiment": "jump-" * 9, "height [mm]": "12.345", "problem": "far " * 9}])
+    show.table([{"experiment": "jump-" * 9, "height [mm]": "25.154 ± 0.022", "problem": "far " * 9}])
     out = capsys.readouterr().out
     assert "\x1b[3" not in out  # no colour
     lines = re.sub(r"\x1b\[\d+m", "", out).splitlines()
-    assert len(lines) > 2 and max(map(len, lines)) <= 30 and "12.345" in " ".join(lines)
+    assert len(lines) > 2 and max(map(len, lines)) <= 24 and "25.154 ± 0.022" in " ".join(lines)
