@@ -48,6 +48,16 @@ def test_c_mu_theta_with_their_true_errors(known):
     assert 2.2 < z[:, 3].mean() < 3.5  # of the whole covariance: 3 +- 0.52, 8 % less by the scatter factor
 
 
+def test_masses_that_scatter_more_than_stated_widen_the_curve_as_much():
+    """Of masses k times noisier than stated the covariance is k^2 times what is stated, in the mean (chi2/dof)."""
+    rng, s, noisier = np.random.default_rng(6), 0.01 * masses() + 2e-4, 4.0
+    stated = fit_mass_curve(Z, masses(), s, R=R).covariance
+    found = [fit_mass_curve(Z, masses() + rng.normal(0.0, noisier * s), s, R=R).covariance for _ in range(100)]
+    ratio = np.median([np.diag(c) for c in found], axis=0) / np.diag(stated)
+    # chi2/dof scatters by sqrt(2/23) = 0.29, its median of 100 by 0.036; the curve's bend by a little
+    assert ratio == pytest.approx(noisier**2, rel=0.15)
+
+
 def test_the_added_mass_alone_does_not_tell_c_from_theta():
     s = np.full(Z.size, 2e-4)
     curve = fit_mass_curve(Z, masses(), s, R=R)

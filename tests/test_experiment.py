@@ -46,6 +46,13 @@ def test_an_experiment_inherits_its_campaign_key_by_key(tmp_path):
     assert alone.section(Actuation) is None
 
 
+def test_the_motor_stops_after_its_cycle_and_the_pause_in_it():
+    law = {"frequency": 8.0, "amplitude": 0.01, "start": 0.25}
+    assert Actuation(kind="stutter", **law).stop == 0.25 + 1 / 8
+    assert Actuation(kind="delayed_stutter", delay=0.5, **law).stop == 0.25 + 1 / 8 + 0.5
+    assert Actuation(kind="custom", start=0.25).stop == 0.25
+
+
 def test_overrides_win_over_the_folder_which_wins_over_a_pipeline(tmp_path):
     make(tmp_path, "[params.piv]\nwindow = 48\n[robot]\nmotor_mass = 1.0\n")
     got = open_experiment(
