@@ -348,6 +348,20 @@ def test_bad_questions_are_answered_with_what_is_wrong(tmp_path, served):
     assert s.benches.bench.following is None
 
 
+def test_answers_on_one_connection_do_not_wait_for_each_other(tmp_path, served):
+    """A header that is sent before its body waits 40 ms for the browser's acknowledgement, unless it is told not to."""
+    falling(tmp_path)
+    s, took = served(tmp_path), []
+    c = http.client.HTTPConnection("127.0.0.1", s.port, timeout=60)
+    for _ in range(40):
+        began = time.perf_counter()
+        c.request("GET", f"{s.root}api/run")
+        assert c.getresponse().read() == b'{"running": false}'
+        took.append(time.perf_counter() - began)
+    c.close()
+    assert min(took[-10:]) < 0.03
+
+
 def test_who_does_not_know_the_address_is_not_answered(tmp_path, served):
     """Other users of the machine reach the port, too."""
     falling(tmp_path)
