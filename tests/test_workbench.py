@@ -348,6 +348,16 @@ def test_bad_questions_are_answered_with_what_is_wrong(tmp_path, served):
     assert s.benches.bench.following is None
 
 
+def test_a_fault_of_ours_is_answered_and_told_in_the_terminal(tmp_path, served, capfd):
+    falling(tmp_path)
+    s = served(tmp_path)
+    s.benches.bench.flowing, kept = None, s.benches.bench.flowing
+    status, said = asked(s, "/api/flow/all")
+    s.benches.bench.flowing = kept
+    assert status == 500 and "the terminal" in said["problems"][0]
+    until(lambda: "'NoneType' object has no attribute 'batch'" in capfd.readouterr().err)
+
+
 def test_answers_on_one_connection_do_not_wait_for_each_other(tmp_path, served):
     """A header that is sent before its body waits 40 ms for the browser's acknowledgement, unless it is told not to."""
     falling(tmp_path)

@@ -12,7 +12,6 @@ from anyio import from_thread  # of Starlette, whose threads they are
 from starlette.applications import Starlette
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
-from starlette.middleware import Middleware
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse
 from starlette.routing import BaseRoute, Mount
@@ -88,11 +87,15 @@ class LocalServer:
         self.address = f"http://{HOST}:{self.port}{self.root}"
         app = Starlette(
             routes=[Mount(self.root[:-1], routes=routes)],
-            middleware=[Middleware(OwnPage, self.root, self.port)],
             exception_handlers={HTTPException: _problems, ValueError: _problems, OSError: _problems, 500: _problems},
         )
         config = uvicorn.Config(
-            app, lifespan="off", ws="none", timeout_keep_alive=60, log_level="error", access_log=False
+            OwnPage(app, self.root, self.port),
+            lifespan="off",
+            ws="none",
+            timeout_keep_alive=60,
+            log_level="error",
+            access_log=False,
         )
         self.server = uvicorn.Server(config)
 
