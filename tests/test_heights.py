@@ -136,7 +136,7 @@ def test_the_sigma_of_a_height_is_the_scatter_of_heights_whose_noise_is_correlat
 
 
 def test_rates_and_accelerations_of_a_track_scatter_as_they_state():
-    """Of a fall with white noise at uneven times: 4,000 draws tell a standard deviation to 1.1 %; four of those here."""
+    """Of a fall with white noise at uneven times: 4,000 draws tell a deviation to 1.1 %; four of those here."""
     rng, sigma = np.random.default_rng(3), 2e-4
     t = np.sort(np.linspace(0.0, 0.1, 21) + rng.uniform(-1e-3, 1e-3, 21))
     draws = -4.905 * t**2 + sigma * rng.standard_normal((4000, t.size))
