@@ -220,11 +220,10 @@ def test_the_command_writes_a_file_a_figure_and_a_table(tmp_path, capsys):
     assert (results / "comparison.png").read_bytes().startswith(b"\x89PNG")
     assert not (folder / "results").exists() and (results / "8.2Hz-1.57-0" / "summary.json").exists()
     with xr.open_dataset(results / "comparison.nc") as data:
-        assert {"z", "p_corrected", "simulated_map_m", "model_step_m"} <= set(data.data_vars)
+        assert {"z", "p_corrected", "model_height_m", "model_step_m"} <= set(data.data_vars)
         assert all("units" in v.attrs for v in data.data_vars.values())
-        # the map's node nearest to a condition: its height within a step of the map
-        near = data.simulated_map_m.sel(map_frequency=8.2, map_phase=1.57, method="nearest")
-        assert float(near) == pytest.approx(float(data.simulated_height_m[0]), abs=2e-3)
+        assert data.model_name.values.tolist() == ["declared model"] and (data.kind == "sine").all()
+        np.testing.assert_array_equal(data.model_height_m[0], data.simulated_height_m)
     first, *_, everything = said["numbers"]
     assert first["frequency_hz"] == 8.2 and first["trials"] == 1 and everything["group"] == "all"
     assert everything["note"].startswith("chi2 ")

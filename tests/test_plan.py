@@ -385,8 +385,7 @@ def test_the_command_writes_its_files(tmp_path, capsys):
     np.testing.assert_allclose(np.diff(table.time_s), 1e-3, rtol=1e-9)
     assert table.command_m.iloc[0] == 0.0 and abs(table.command_m.iloc[-1]) < 1e-8
     assert (tmp_path / "plan.png").stat().st_size > 20_000
-    page = (tmp_path / "plan.html").read_text()
-    assert "http" not in page and '"rod"' in page
+    assert len(told["files"]) == len(list(tmp_path.iterdir())) == 3
     if checker := os.environ.get("JUMPVISION_CONTRACT_CHECK"):
         subprocess.run([sys.executable, checker, str(tmp_path)], check=True)
 

@@ -272,7 +272,6 @@ def test_the_command(tmp_path, capsys):
         (["granular", "--laws", "nowhere.toml"], "cannot be read"),
         (["granular", "--model", "nowhere.toml"], "cannot be read"),
         (["granular", "--laws", str(EXAMPLE), "--phi", "0.5:0.6:3"], "outside 0.57 to 0.63"),
-        (["granular", "--over", "phi"], "is of --analysis comparison"),
     ],
 )
 def test_a_bad_call_is_told_and_writes_nothing(words, told, tmp_path, capsys):

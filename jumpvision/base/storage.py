@@ -129,7 +129,7 @@ class ChangedFile(OSError):
 
 
 @contextlib.contextmanager
-def _in_one_step(target: Path) -> Iterator[Path]:
+def in_one_step(target: Path) -> Iterator[Path]:
     """Where to write a file, which then takes its place: it is whole, old or new, at any moment."""
     target.parent.mkdir(parents=True, exist_ok=True)
     aside = _aside_file(target)
@@ -142,19 +142,19 @@ def _in_one_step(target: Path) -> Iterator[Path]:
 
 def write_aside(path: Path, text: str | Iterable[str]) -> None:
     """Write a text file, whole or piece by piece, in one step. Lines end alike on all systems."""
-    with _in_one_step(path) as aside, aside.open("w", encoding="utf-8", newline="\n") as file:
+    with in_one_step(path) as aside, aside.open("w", encoding="utf-8", newline="\n") as file:
         file.writelines([text] if isinstance(text, str) else text)
 
 
 def write_bytes_aside(path: Path, content: bytes) -> None:
     """Likewise of a file that is no text."""
-    with _in_one_step(path) as aside:
+    with in_one_step(path) as aside:
         aside.write_bytes(content)
 
 
 def copy_aside(source: Path, target: Path, digest: str) -> None:
     """Copy a file in one step. digest: the SHA-256 that the copy must have; ChangedFile otherwise."""
-    with _in_one_step(target) as aside:
+    with in_one_step(target) as aside:
         shutil.copyfile(source, aside)
         if sha256(aside) != digest:
             raise ChangedFile(errno.EIO, "changed while it was copied", str(source))

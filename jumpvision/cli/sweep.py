@@ -58,7 +58,6 @@ class SweepOptions:
         Path | None,
         option("A TOML file of the bed's parameters against volume fraction (docs/granular.md)."),
     ] = None
-    over: Annotated[str, option("Axis along which a comparison is drawn, e.g. phi; default: what varies most.")] = ""
     results: Annotated[
         Path | None, option("Folder for the files; default: results/sweep, or results/NAME beside the campaign.")
     ] = None
@@ -121,7 +120,6 @@ def sweep(
                 campaign,
                 results,
                 model=o.model,
-                over=o.over,
                 overrides=overrides,
                 workers=workers,
                 say=show.line,
@@ -130,8 +128,6 @@ def sweep(
     else:
         from jumpvision.sweeps.sweep import FILE as name
 
-        if o.over:
-            raise InputError([f"--over {o.over}: is of --analysis comparison; leave it out"])
         with show.progress():
             data = sweep_axes(
                 ground,
@@ -245,7 +241,7 @@ class PlanOutput:
         Parameter(name="--set", negative="", help="Override a value: section.key=value, e.g. motor.kp=30000."),
     ] = ()
     json: Annotated[bool, Parameter(help="Machine-readable result on stdout.")] = False
-    pictures: Annotated[bool, Parameter(help="Draw the figure and the animation.")] = True
+    pictures: Annotated[bool, Parameter(help="Draw the figure.")] = True
 
 
 @app.command
@@ -262,7 +258,7 @@ def plan(
     limits: PlanLimits = PlanLimits(),
     output: PlanOutput = PlanOutput(),
 ) -> int:
-    """Motor trajectory for a jump to a given apex: plan.csv, plan.json, plan.png and an animation plan.html.
+    """Motor trajectory for a jump to a given apex: plan.csv, plan.json and plan.png.
 
     Needs CasADi: pip install casadi.
 
@@ -323,11 +319,10 @@ def plan(
     results, numbers = output.results, asdict(planned.numbers)
     files = write(planned, results)
     if output.pictures:
-        from jumpvision.sweeps.plan_figure import plan_animation, plan_picture
+        from jumpvision.sweeps.plan_figure import plan_picture
 
-        files += [results / "plan.png", results / "plan.html"]
-        files[-2].write_bytes(plan_picture(planned))
-        files[-1].write_text(plan_animation(planned), encoding="utf-8")
+        files.append(results / "plan.png")
+        files[-1].write_bytes(plan_picture(planned))
     rows = [{"what": k, "value": v} for k, v in numbers.items() if not isinstance(v, dict)]
     if planned.numbers.status != "solved":
         show.result(numbers | {"files": [str(f) for f in files]}, rows, as_json=output.json)

@@ -1,4 +1,4 @@
-"""Measured jump heights of a campaign beside simulation, along any axis: their difference and its significance.
+"""Measured jump heights of a campaign beside simulation: their difference and its significance.
 
 Every experiment goes through the pipeline (what is there already is not computed again); each is simulated at its own
 robot, model and motor by the stage `simulate`.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -31,7 +31,6 @@ from jumpvision.experiment.results.fields import as_attributes, attributes_of
 from jumpvision.experiment.results.tables import RodMotion
 from jumpvision.experiment.results.values import BedHeight
 from jumpvision.experiment.stages.recordings import shared_of
-from jumpvision.experiment.stages.rod import total_mass
 from jumpvision.experiment.stages.simulate import simulate
 from jumpvision.experiment.stages.summary import simulated_height
 from jumpvision.experiment.workflow.many import run_campaign
@@ -39,17 +38,15 @@ from jumpvision.experiment.workflow.run import Outcome, Plan
 from jumpvision.experiment.workflow.stage import StageWarning
 from jumpvision.experiment.workflow.workspace import Workspace
 from jumpvision.jumper.mechanisms.registry import ModelParameters
-from jumpvision.jumper.physics.batch import hard_points, resolve
 
-from .along import DECLARED, LAW, OVER, Along, Place, drawn_along
 from .axes import AXES
 from .robot import Say, Setup, Tables, setup_of
 from .sweep import Origin
 
 FILE = "comparison.nc"
 LEVEL = 0.05  # corrected p of a condition that stands out
-COORDS = OVER
-DRAWN = 80  # points an axis of the simulated map behind the measured points
+LAW = ("frequency", "phase", "amplitude", "cycles", "delay")  # of a condition
+DECLARED = "declared model"
 
 
 @dataclass(frozen=True)
@@ -73,15 +70,6 @@ class Jump:
     @property
     def law(self) -> dict[str, float]:
         return law_of(self.experiment)
-
-    @property
-    def at(self) -> dict[str, float]:
-        """The numbers of OVER."""
-        robot = self.experiment.required(Robot)
-        mass, k, law = total_mass(robot) or math.nan, robot.spring_stiffness or math.nan, self.law
-        alpha = mass * robot.gravity / (k * law["amplitude"])
-        rest = {"alpha": alpha, "gravity": robot.gravity, "phi": self.phi, "foot_radius": robot.foot_radius or math.nan}
-        return {**law, **rest}
 
     @property
     def condition(self) -> tuple[str | float, ...]:
@@ -120,15 +108,13 @@ def compare(
     results: Path,
     *,
     model: Path | None = None,
-    over: str = "",
     overrides: Tables | None = None,
     workers: int = 1,
     say: Say = print,
 ) -> xr.Dataset:
     """Measured jump heights of a campaign beside their simulation, with the significance of the difference.
 
-    Along what varies most, or `over` an axis: series of jumps that differ in it alone, and each model's curve, the
-    declared one's and that of the file `model`. Returns conditions (dimension `condition`), trials and curves.
+    The models are the declared one and that of the file `model`. Returns conditions (dimension `condition`) and trials.
     InputError where a campaign has no jump to compare. Experiments without a height are told.
     """
     overrides = overrides or {}
@@ -176,54 +162,12 @@ def compare(
         rng=np.random.default_rng(0),
         shared=np.transpose(shared) if common.any() else (),
     )
-    robot = setup_of(ground, jumps[0].experiment.path, overrides, bed_seen=jumps[0].bed)
-    data = _dataset(campaign, robot, jumps, at, steps, names, found)
     firsts = [[j for j, c in zip(jumps, at) if c == k] for k in range(found.trials.size)]
-    places = [
-        Place(
-            {n: float(np.mean([j.at[n] for j in trials])) for n in OVER},
-            trials[0].experiment.required(Actuation).kind,
-            trials[0].experiment,
-            trials[0].bed,
-        )
-        for trials in firsts
-    ]
-    files = [None, *([model] if model else [])]
-    along = drawn_along(places, over, files, overrides, workers=workers, say=say)
-    spread = [np.std([j.height for j in trials], ddof=1) if len(trials) > 1 else math.nan for trials in firsts]
-    by_other = [float(np.mean([j.other for j in trials])) for trials in firsts]
-    data = data.assign(_along(along, files, np.array(spread), np.stack([found.model, by_other])[: len(files)]))
-    labels = {
-        "series_name": ("series", along.names),
-        "model_name": ("model", [f.name if f else DECLARED for f in files]),
-    }
-    data = data.assign_coords(labels).assign_attrs(as_attributes(Drawn(along.over)))
-    return data
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """The axis along which a comparison is drawn."""
-
-    over: str
-
-
-def _along(found: Along, files: Sequence[Path | None], spread: Array, by_model: Array) -> dict[str, xr.Variable]:
-    """Series and curves as variables."""
-
-    def variable(dims: tuple[str, ...], values: ArrayLike, unit: str, words: str) -> xr.Variable:
-        return xr.Variable(dims, values, {"units": unit, "long_name": words})
-
-    over = AXES[found.over]
-    return {
-        "condition_series": variable(("condition",), found.series, "1", "index of its series"),
-        "trial_spread_m": variable(("condition",), spread, "m", "standard deviation of its trials; NaN for one"),
-        "model_height_m": variable(("model", "condition"), by_model, "m", "jump_height by each model"),
-        "curve_at": variable(("series", "point"), found.x, over.unit or "1", over.meaning),
-        "curve_m": variable(
-            ("series", "model", "point"), found.curves, "m", "jump_height of a model between the points"
-        ),
-    }
+    by_model = {DECLARED: found.model}
+    if model:
+        by_model[model.name] = np.array([np.mean([j.other for j in trials]) for trials in firsts])
+    robot = setup_of(ground, jumps[0].experiment.path, overrides, bed_seen=jumps[0].bed)
+    return _dataset(campaign, robot, jumps, at, steps, names, found, by_model)
 
 
 def unmodelled(e: Experiment) -> str:
@@ -301,6 +245,7 @@ def _dataset(
     steps: Array,
     names: list[str],
     found: Agreement,
+    by_model: dict[str, Array],
 ) -> xr.Dataset:
     first = [jumps[int(np.flatnonzero(at == c)[0])] for c in range(found.trials.size)]
     by_condition: dict[str, tuple[ArrayLike, str, str]] = {
@@ -337,14 +282,20 @@ def _dataset(
     variables = over("condition", by_condition) | over("trial", by_trial)
     words = {"units": "m", "long_name": "change of the simulated height by one sigma of the parameter"}
     variables["model_step_m"] = xr.Variable(("trial", "parameter"), steps, words)
+    words = {"units": "m", "long_name": "jump_height by each model"}
+    variables["model_height_m"] = xr.Variable(("model", "condition"), list(by_model.values()), words)
     coords = {
         n: xr.Variable(
-            ("condition",), [j.at[n] for j in first], {"units": AXES[n].unit or "1", "long_name": AXES[n].meaning}
+            ("condition",),
+            [{**j.law, "phi": j.phi}[n] for j in first],
+            {"units": AXES[n].unit or "1", "long_name": AXES[n].meaning},
         )
-        for n in COORDS
+        for n in (*LAW, "phi")
     }
     coords |= {
         "group": xr.Variable(("condition",), [j.experiment.header.group for j in first]),
+        "kind": xr.Variable(("condition",), [j.experiment.required(Actuation).kind for j in first]),
+        "model_name": xr.Variable(("model",), list(by_model)),
         "experiment": xr.Variable(("trial",), [j.experiment.name for j in jumps]),
         "parameter": xr.Variable(("parameter",), names),
     }
@@ -355,34 +306,7 @@ def _dataset(
         p_value=found.p_value,
         p_largest=float(found.p_holm.min()),
     )
-    behind, more = simulated_map(robot, jumps)
-    return xr.Dataset(
-        variables | behind, coords | more, as_attributes(Origin.of(robot, "comparison")) | as_attributes(whole)
-    )
-
-
-def simulated_map(robot: Setup, jumps: list[Jump]) -> tuple[dict[str, xr.Variable], dict[str, xr.Variable]]:
-    """The model's height between the points, over frequency and phase; nothing where robots or the rest differ."""
-    rest = {n: {round(j.law[n], 9) for j in jumps} for n in LAW[2:]}
-    sections = [(j.experiment.section(Robot), j.experiment.section(ModelSpec)) for j in jumps]
-    spec = sections[0][1]
-    # the height a camera reports is another, and so is the motion of a motor that a loop drives
-    other = (spec is not None and "camera_scale" in spec.terms) or any(j.experiment.section(Motor) for j in jumps)
-    if not robot.exact or other or any(len(v) > 1 for v in rest.values()) or any(s != sections[0] for s in sections):
-        return {}, {}
-    axes = []
-    for n in LAW[:2]:
-        x = np.array([j.law[n] for j in jumps])
-        margin = 0.08 * np.ptp(x) or 0.1 * x[0] or 0.3  # around the range of the points
-        axes.append(np.linspace(max(x.min() - margin, 0.05 * x.min()), x.max() + margin, DRAWN))
-    given = {n: np.asarray(v.pop()) for n, v in rest.items()}
-    grid = resolve(robot.values, given | {"frequency": axes[0][:, None], "phase": axes[1]})
-    height = hard_points({n: np.broadcast_to(v, (DRAWN, DRAWN)) for n, v in grid.items()})["jump_height_m"]
-    words = {"units": "m", "long_name": "jump_height simulated between the conditions"}
-    dims = ("map_frequency", "map_phase")
-    return {"simulated_map_m": xr.Variable(dims, height, words)}, {
-        n: xr.Variable((n,), a, {"units": AXES[n[4:]].unit}) for n, a in zip(dims, axes)
-    }
+    return xr.Dataset(variables, coords, as_attributes(Origin.of(robot, "comparison")) | as_attributes(whole))
 
 
 def rows(data: xr.Dataset) -> list[dict[str, str | float | None]]:

@@ -14,11 +14,11 @@ from jumpvision.base.record import RecordError
 from jumpvision.base.schema import InputError
 from jumpvision.experiment.results.fields import attributes_of
 from jumpvision.report.figures.pictures import png_of
-from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, SIGNED, NewFigure
+from jumpvision.report.style import MEASURED, QUIET, NewFigure, kind_of, spoken
 
 from .axes import AXES
 from .comparison import FILE as COMPARISON
-from .comparison import Comparison, Drawn
+from .comparison import Comparison
 from .sweep import FILE, origin_of
 
 if TYPE_CHECKING:
@@ -33,7 +33,6 @@ SHOWN = {
     "peak_force_N": ("peak motor force", 1.0, "N"),
     "flight_height_m": ("flight height", 1e3, "mm"),
     "jump_height_m": ("jump height of the rod", 1e3, "mm"),
-    "lift_off_s": ("first lift-off", 1e3, "ms"),
 }
 COUNTED = 8  # from here numbers of jumps share a colour
 
@@ -78,14 +77,15 @@ def grid(data: xr.Dataset, Figure: NewFigure) -> Figure:
     # more points than an axis has pixels are not drawn
     data = data.isel({d: slice(None, None, -(-data.sizes[d] // 600)) for d in data.com_height_m.dims[:2]})
     dims = data.com_height_m.dims
-    if len(dims) == 2:
+    if len(dims) in (1, 2):
         figure = Figure(figsize=(10.4, 6.4), layout="constrained")
-        for axis, name in zip(figure.subplots(2, 3).flat, list(SHOWN)[:6]):
-            one_map(figure, axis, data[name], data)
-            if name == "com_height_m":
+        for axis, name in zip(figure.subplots(2, 3).flat, SHOWN):
+            if len(dims) == 1:
+                one_line(axis, data[name].where(data.n_jumps >= 0))
+            else:
+                one_map(figure, axis, data[name], data)
+            if len(dims) == 2 and name == "com_height_m":
                 regions(axis, data)
-    elif len(dims) == 1:
-        figure = lines(data, Figure, str(dims[0]))
     elif len(dims) == 0:
         figure = Figure(figsize=(6.4, 2.6), layout="constrained")
         axis = figure.subplots()
@@ -162,24 +162,16 @@ def regions(axis: Axes, data: xr.Dataset) -> None:
             axis.text(x[place[1]], y[place[0]], name, color="white", fontsize=7, ha="center", va="bottom")
 
 
-def lines(data: xr.Dataset, Figure: NewFigure, dim: str) -> Figure:
-    """Heights, numbers, power and force along one axis."""
-    figure = Figure(figsize=(9.2, 5.4), layout="constrained")
-    axes = figure.subplots(2, 2, sharex=True)
-    x = data[dim].values * AXES[dim].factor
-    heights = (("com_height_m", MEASURED, "-"), ("flight_height_m", MODEL, "--"), ("jump_height_m", GREEN, ":"))
-    for name, color, style in heights:
-        axes[0, 0].plot(x, data[name] * 1e3, style, color=color, label=SHOWN[name][0])
-    axes[0, 0].set(title="heights", ylabel="height [mm]", xlabel=label(dim))
-    axes[0, 0].legend(fontsize=7, frameon=True, framealpha=0.8, edgecolor="none")
-    axes[0, 1].step(x, np.where(data.n_jumps < 0, np.nan, data.n_jumps), where="mid", color=MEASURED)
-    axes[0, 1].set(title="number of jumps", ylabel="jumps", xlabel=label(dim))
-    axes[0, 1].yaxis.get_major_locator().set_params(integer=True, min_n_ticks=1)
-    axes[1, 0].plot(x, data.peak_power_W, color=ACCENT)
-    axes[1, 0].set(title="peak motor power", ylabel="power [W]", xlabel=label(dim))
-    axes[1, 1].plot(x, data.peak_force_N, color=ACCENT)
-    axes[1, 1].set(title="peak motor force", ylabel="force [N]", xlabel=label(dim))
-    return figure
+def one_line(axis: Axes, values: xr.DataArray) -> None:
+    """One quantity over one axis."""
+    title, factor, unit = SHOWN[str(values.name)]
+    (dim,) = map(str, values.dims)
+    counted = values.name == "n_jumps"
+    style = "steps-mid" if counted else "default"
+    axis.plot(values[dim] * AXES[dim].factor, values * factor, color=MEASURED, drawstyle=style)
+    if counted:
+        axis.locator_params("y", integer=True, min_n_ticks=1)
+    axis.set(xlabel=label(dim), ylabel=f"{title} [{unit}]" if unit else title)
 
 
 def panels(data: xr.Dataset, Figure: NewFigure) -> Figure:
@@ -199,21 +191,6 @@ def panels(data: xr.Dataset, Figure: NewFigure) -> Figure:
     return figure
 
 
-SIGNIFICANT = 4.0  # |z| of the darkest colour, at least
-ENOUGH = 3  # conditions of a series from which it is drawn as one
-COLOURS = (MEASURED, MODEL, GREEN, ACCENT, "black")
-MARKS, LINES = "os^Dv", ("-", "--")
-
-
-def comparison(data: xr.Dataset, Figure: NewFigure) -> Figure:
-    """Heights and residuals along an axis with the models' curves; four maps where frequency and phase scatter."""
-    varies = [n for n in ("frequency", "phase") if np.unique(data[n]).size > 1]
-    most = np.bincount(data.condition_series.values).max()
-    if len(varies) == 2 and most < ENOUGH and "simulated_map_m" in data:
-        return maps(data, Figure)
-    return along(data, Figure)
-
-
 def heading(data: xr.Dataset) -> str:
     """What the numbers say as a whole."""
     whole = attributes_of(Comparison, data)
@@ -225,89 +202,28 @@ def heading(data: xr.Dataset) -> str:
     )
 
 
-def maps(data: xr.Dataset, Figure: NewFigure) -> Figure:
-    """Coloured points, a ring around those that stand out; behind the simulated ones the model's map."""
-    figure = Figure(figsize=(9.4, 6.6), layout="constrained")
-    axes = figure.subplots(2, 2, sharex=True, sharey=True)
-    x, y = data.phase / np.pi, data.frequency
-    height = np.concatenate([data.measured_height_m, data.simulated_height_m]) * 1e3
-    low, high = min(0.0, float(height.min())), float(height.max())
-    off = float(np.abs(data.difference_m).max()) * 1e3
-    z = max(SIGNIFICANT, float(np.abs(data.z).max()))
-    panels = (
-        ("measured jump height", data.measured_height_m * 1e3, low, high, None, "mm"),
-        ("simulated", data.simulated_height_m * 1e3, low, high, None, "mm"),
-        ("measured − simulated", data.difference_m * 1e3, -off, off, SIGNED, "mm"),
-        ("z = difference / its uncertainty", data.z, -z, z, SIGNED, ""),
-    )
-    for axis, (title, values, lo, hi, colours, unit) in zip(axes.flat, panels):
-        if title == "simulated" and "simulated_map_m" in data:
-            axis.pcolormesh(
-                data.map_phase / np.pi,
-                data.map_frequency,
-                data.simulated_map_m * 1e3,
-                vmin=lo,
-                vmax=hi,
-                shading="nearest",
-                rasterized=True,
-            )
-        seen = axis.scatter(
-            x,
-            y,
-            c=values,
-            vmin=lo,
-            vmax=hi,
-            cmap=colours,
-            s=70,
-            linewidths=0.8,
-            edgecolors="white" if colours is None else QUIET,
-        )
-        figure.colorbar(seen, ax=axis, label=unit)
-        axis.set(title=title, facecolor="#eeeeee" if colours is None else "white")
-        if colours is not None:
-            odd = data.stands_out.values == 1
-            axis.scatter(x[odd], y[odd], s=150, facecolors="none", edgecolors="black", linewidths=1.2)
-    for axis in axes[1]:
-        axis.set_xlabel("phase [π] (ring: stands out)")
-    for axis in axes[:, 0]:
-        axis.set_ylabel("frequency [Hz]")
+def comparison(data: xr.Dataset, Figure: NewFigure) -> Figure:
+    """Measured heights against those of each model, and their differences over frequency, by kind; with 2 sigma."""
+    figure = Figure(figsize=(9.4, 4.6), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    models = data.model_name.values.tolist()
+    for kind, one in data.groupby("kind"):
+        color, mark = kind_of(kind)
+        measured, sigma = 1e3 * one.measured_height_m, 2e3 * one.measured_sigma_m
+        for m, model in enumerate(models):  # the declared model, whose uncertainty is known, is filled
+            height, model_sigma = 1e3 * one.model_height_m[m], 2e3 * one.model_sigma_m * (m == 0)
+            style = {"fmt": mark, "ms": 4, "color": color, "mfc": "none" if m else color, "capsize": 2}
+            left.errorbar(height, measured, sigma, model_sigma, label=f"{spoken(str(kind))}, {model}", **style)
+            right.errorbar(one.frequency, measured - height, np.hypot(sigma, model_sigma), **style)
+    odd = data.isel(condition=data.stands_out.values == 1)
+    ring = {"marker": "o", "s": 100, "facecolors": "none", "edgecolors": "black"}
+    if odd.sizes["condition"]:
+        left.scatter(1e3 * odd.simulated_height_m, 1e3 * odd.measured_height_m, label="stands out", **ring)
+        right.scatter(odd.frequency, 1e3 * odd.difference_m, **ring)
+    left.axline((0.0, 0.0), slope=1.0, color=QUIET, lw=0.8)
+    right.axhline(0.0, color=QUIET, lw=0.8)
+    left.set(xlabel="simulated jump height [mm]", ylabel="measured jump height [mm]")
+    right.set(xlabel="frequency [Hz]", ylabel="measured − simulated [mm]")
     figure.suptitle(heading(data), fontsize=9, x=0.01, ha="left")
-    return figure
-
-
-def along(data: xr.Dataset, Figure: NewFigure) -> Figure:
-    """Measured heights with 2 sigma and the band of their trials, beside each model's curve; below their residuals."""
-    over = attributes_of(Drawn, data).over
-    axis_of, models = AXES[over], data.model_name.values.tolist()
-    figure = Figure(figsize=(8.6, 6.2), layout="constrained")
-    top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-    for k, name in enumerate(data.series_name.values):
-        one = data.isel(condition=data.condition_series.values == k).sortby(over)
-        color, mark = COLOURS[k % len(COLOURS)], MARKS[k % len(MARKS)]
-        x, height, sigma = one[over] * axis_of.factor, 1e3 * one.measured_height_m, 2e3 * one.measured_sigma_m
-        spread = 1e3 * one.trial_spread_m
-        top.fill_between(x, height - spread, height + spread, color=color, alpha=0.18, lw=0)
-        top.errorbar(x, height, sigma, fmt=mark, ms=4, color=color, capsize=2, label=str(name))
-        for m, style in zip(range(len(models)), LINES):
-            top.plot(data.curve_at[k] * axis_of.factor, 1e3 * data.curve_m[k, m], color=color, ls=style, lw=1.1)
-            simulated = 1e3 * one.model_height_m[m]
-            top.plot(x, simulated, mark, ms=7 - 2 * m, mfc="none", mew=0.8, color=color)
-            off, whole = height - simulated, np.hypot(sigma, 2e3 * one.model_sigma_m if m == 0 else 0.0)
-            bottom.errorbar(
-                x, off, whole, fmt=mark, ms=4, mfc=color if m == 0 else "none", color=color, capsize=2, lw=0.8
-            )
-    odd = data.stands_out.values == 1
-    bottom.plot(
-        data[over][odd] * axis_of.factor, 1e3 * data.difference_m[odd], "o", ms=10, mfc="none", mec="black", mew=1.0
-    )
-    for style, name in zip(LINES, models):
-        top.plot([], [], color="black", ls=style, lw=1.1, label=str(name))
-    top.plot([], [], "o", ms=7, mfc="none", mew=0.8, color="black", label="simulated, each jump's own motor")
-    if odd.any():
-        top.plot([], [], "o", ms=10, mfc="none", mec="black", mew=1.0, label="stands out")
-    bottom.axhline(0.0, color=QUIET, lw=0.8)
-    top.set(title=heading(data), ylabel="jump height [mm]")
-    unit = f" [{axis_of.shown}]" if axis_of.shown else ""
-    bottom.set(ylabel="measured − simulated [mm]", xlabel=f"{axis_of.label}{unit}")
     figure.legend(loc="outside lower center", ncols=3, fontsize=7)
     return figure

@@ -1,8 +1,7 @@
-"""Figure and animation of a planned jump."""
+"""Figure of a planned jump."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -20,7 +19,6 @@ if TYPE_CHECKING:
 
 SHADES = {"stuck": "#00000000", "intrude": "#D5A06033", "air": "#8fc7ff33"}
 AFTER = 0.12  # s shown after the apex, or after the command
-FRAME = 1 / 240  # s between frames of the animation
 
 
 def end_of(planned: Planned) -> float:
@@ -129,54 +127,3 @@ def _phases(axis: Axes, sequence: tuple[str, ...], durations: Array) -> None:
     ends = 1e3 * np.cumsum(durations)
     for mode, begin, end in zip(sequence, [0.0, *ends], ends):
         axis.axvspan(begin, end, color=SHADES[mode], lw=0)
-
-
-def plan_animation(planned: Planned) -> str:
-    """A self-contained page that plays the jump, eight times slowed."""
-    motion, numbers = planned.plan.motion, planned.numbers
-    t = np.arange(0.0, end_of(planned), FRAME)
-
-    def at(a: Array) -> list[float]:
-        return [round(1e3 * float(v), 2) for v in np.interp(t, motion.t, a)]
-
-    tracks = {"rod": at(motion.rod - motion.rest), "foot": at(motion.foot), "motor": at(motion.motor - motion.rod)}
-    data = {
-        **tracks,
-        "frame_s": FRAME,
-        "sand": numbers.ground == "granular",
-        "title": _title(numbers),
-        "apex": round(1e3 * numbers.apex_m, 2),
-    }
-    return PAGE.replace("DATA", json.dumps(data))
-
-
-PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Planned jump</title>
-<style>body{font:15px sans-serif;margin:1em auto;max-width:420px;color:#222}canvas{width:100%;border:1px solid #ccc}
-</style><h1 style="font-size:1.1em" id="title"></h1><canvas id="c" width="420" height="560"></canvas>
-<p><button id="b" type="button">pause</button> <span id="s"></span></p>
-<script>
-const d = DATA, c = document.getElementById("c"), g = c.getContext("2d");
-document.getElementById("title").textContent = d.title;
-const ground = 440, scale = 300 / Math.max(100, d.apex + 60), mid = 210;
-let i = 0, on = true;
-function box(x, y, w, h, fill) { g.fillStyle = fill; g.fillRect(x, y, w, h); }
-function draw() {
-  g.clearRect(0, 0, c.width, c.height);
-  box(0, ground, c.width, c.height - ground, d.sand ? "#e8d3a8" : "#999");
-  const foot = ground - scale * d.foot[i], rod = ground - 45 - scale * d.rod[i];
-  const top = rod - 200, motor = rod - 90 - scale * d.motor[i];
-  g.strokeStyle = "#bbb"; g.setLineDash([4, 4]); g.beginPath();
-  g.moveTo(0, ground - 245 - scale * d.apex); g.lineTo(c.width, ground - 245 - scale * d.apex); g.stroke();
-  g.setLineDash([]); g.strokeStyle = "#444"; g.lineWidth = 2; g.beginPath(); g.moveTo(mid, rod);
-  for (let n = 1; n < 10; n++) g.lineTo(mid + (n % 2 ? 9 : -9), rod + (foot - 6 - rod) * n / 10);
-  g.lineTo(mid, foot - 6); g.stroke();
-  box(mid - 38, foot - 6, 76, 6, "#009E73"); box(mid - 4, top, 8, 200, "#D55E00");
-  box(mid - 28, motor - 18, 56, 36, "#0072B2");
-  const now = (1e3 * i * d.frame_s).toFixed(0) + " ms, rod " + d.rod[i].toFixed(1) + " mm";
-  document.getElementById("s").textContent = now;
-}
-function step() { if (on) { draw(); i = (i + 1) % d.rod.length; } }
-document.getElementById("b").onclick = e => { on = !on; e.target.textContent = on ? "pause" : "play"; };
-setInterval(step, 8e3 * d.frame_s); draw();
-</script></html>
-"""

@@ -5,26 +5,22 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import os
-import platform
-import time
-import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from jumpvision import __version__
 from jumpvision.base.arrays import AnyArray, Array
 from jumpvision.base.progress import watch
 from jumpvision.base.record import RecordError, plain
 from jumpvision.base.schema import InputError, closest
+from jumpvision.base.storage import in_one_step
 from jumpvision.base.threads import at_most
 from jumpvision.experiment.results.fields import as_attributes, attributes_of
+from jumpvision.experiment.workflow.entries import versions
 from jumpvision.jumper.physics.batch import BY_AREA, hard_points, resolve, simulated_points
 from jumpvision.jumper.physics.hard.jump import RESULTS as COMPUTED
 from jumpvision.jumper.physics.model import GROUNDS
@@ -37,7 +33,6 @@ from .robot import Say, Setup, Tables, setup_of
 CHUNK = 200_000  # points of an exact sweep in memory at once
 SMALL = 2000  # points of an integrated one
 RTOL, ATOL = 1e-6, 1e-9  # as the stage `simulate`
-SLOW = 5.0  # s, from where the time is announced
 GRID = {"frequency": (0.2, 1.8, 320), "phase": (0.0, 2.0 * np.pi, 241)}  # f_0 and rad: where no range is asked for
 SLOW_GRID = {"frequency": (0.35, 1.5, 40), "phase": (0.0, 2.0 * np.pi, 25)}  # where a jump takes half a millisecond
 
@@ -107,15 +102,12 @@ def grid_results(setup: Setup, given: Mapping[str, Array], *, workers: int, say:
         values(0, 1)
         step = CHUNK if setup.exact else SMALL
         edges = [(lo, min(lo + step, total)) for lo in range(0, total, step)]
-        began = time.perf_counter()
-        for done, (lo, hi) in enumerate(watch(edges, "jumps, chunks")):
+        for lo, hi in watch(edges, "jumps, chunks"):
             v = values(lo, hi)
             with at_most(workers):
                 found = hard_points(v) if setup.exact else simulated_points(setup.model, v, rtol=RTOL, atol=ATOL)
             for name, column in found.items():
                 out[name][lo:hi] = column
-            if done == 0:
-                _announce(began, hi, total, say)
     except InputError:
         raise
     except ValueError as e:
@@ -140,12 +132,6 @@ def no_effect(setup: Setup, given: Mapping[str, Array]) -> None:
     ]
     if problems:
         raise InputError(problems)
-
-
-def _announce(began: float, done: int, total: int, say: Say) -> None:
-    left = (time.perf_counter() - began) / done * (total - done)
-    if left > SLOW:
-        say(f"{total} jumps: about {left:.0f} s")
 
 
 FILE = "sweep.nc"
@@ -206,7 +192,6 @@ class Origin:
     @classmethod
     def of(cls, setup: Setup, analysis: str, f0_Hz: float | None = None) -> Origin:
         """That of a robot, by the versions at hand."""
-        packages = {p: version(p) for p in ("numpy", "scipy", "numba", "xarray")}
         return cls(
             ground=setup.model.ground,
             robot=setup.name,
@@ -214,7 +199,7 @@ class Origin:
             model=str(setup.model),
             laws=json.dumps(setup.laws.plain()) if setup.laws else None,
             laws_source=setup.laws.source if setup.laws else None,
-            versions=json.dumps({"jumpvision": __version__, "python": platform.python_version(), **packages}),
+            versions=json.dumps(versions()),
             analysis=analysis,
             f0_Hz=f0_Hz,
         )
@@ -232,15 +217,10 @@ def origin_of(data: xr.Dataset) -> Origin:
 
 
 def write(data: xr.Dataset, folder: Path, file: str = FILE) -> Path:
-    """The file in the folder, written aside and renamed."""
-    folder.mkdir(parents=True, exist_ok=True)
-    aside = folder / f".{file}-{os.getpid()}-{uuid.uuid4().hex[:8]}.tmp"
+    """Write the data set into a file of the folder, in one step."""
     packed = {n: {"zlib": True, "complevel": 1} for n, v in data.data_vars.items() if v.size > 1000}
-    try:
+    with in_one_step(folder / file) as aside:
         data.to_netcdf(aside, engine="netcdf4", encoding=packed)
-        os.replace(aside, folder / file)
-    finally:
-        aside.unlink(missing_ok=True)
     return folder / file
 
 
