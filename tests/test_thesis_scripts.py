@@ -147,6 +147,7 @@ KNOWN = {  # script: quantity: numbers, tolerance; half the last digit where no 
         "travel of the motor, sand over rigid: first, last, mean": ([1.25, 1.06, 1.15], 0.01),
         "share of the travel that is a pull, rigid, %": ([25.0], 0.5),
         "share of the travel that is a pull, sand, %": ([19.0], 0.5),
+        "peak power above the least of any shape, at most, %": ([0.0], 0.5),
     },
     "section_2_4_1_hopper": {
         "hops begin at f/f_0, going up": ([0.63], 0.03),  # its step
