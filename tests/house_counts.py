@@ -108,6 +108,31 @@ def code_lines(text: str) -> int:
     return len(lines)
 
 
+def code_lines_of(folder: Path) -> int:
+    """Code lines of all Python files below a folder."""
+    return sum(code_lines(f.read_text(encoding="utf-8")) for f in folder.rglob("*.py"))
+
+
+def lines_of(file: Path) -> int:
+    return len(file.read_text(encoding="utf-8").splitlines())
+
+
+def words_of(file: Path) -> int:
+    return len(file.read_text(encoding="utf-8").split())
+
+
+def pages() -> list[Path]:
+    """The pages of docs/ that git keeps."""
+    return [f for f in (ROOT.parent / "docs").rglob("*.md") if f.name not in ("api.md", "keys.md")]
+
+
+def commands() -> list[str]:
+    """Names that `jumpvision --help` lists."""
+    code = "from jumpvision.cli import main; main(['--help'])"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT.parent)
+    return re.findall(r"^│ ([a-z]+) ", out.stdout, re.M)
+
+
 def upward() -> Iterator[str]:
     """Imports that do not point down, by the table of the wings."""
     for name in modules():
@@ -151,6 +176,10 @@ def counts() -> dict[str, object]:
         "files": len(text),
         "lines": sum(len(t.splitlines()) for t in text.values()),
         "code lines": sum(code_lines(t) for t in text.values()),
+        **{f"code lines of {f}": code_lines_of(ROOT.parent / f) for f in ("tests", "benchmarks", "pipelines")},
+        "lines of JavaScript": sum(map(lines_of, (f for f in ROOT.rglob("*.js") if "uplot" not in f.parts))),
+        "words of docs": sum(map(words_of, pages())),
+        "commands of --help, with the stages": len(commands()),
         "named numbers": len(NUMBER.findall(all_of)),
         "the word Any": len(re.findall(r"\bAny\b", all_of)),
         "imports that point up": len(list(upward())),
