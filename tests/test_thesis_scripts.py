@@ -143,10 +143,7 @@ KNOWN = {  # script: quantity: numbers, tolerance; half the last digit where no 
         "rigid plan, sand: error of the height, mean and deviation mm, %": ([23.9, 2.9, 68.5], 0.1),
         "greatest miss of a plan by its own model, µm": ([0.0], 100.0),
     },
-    "fig65_plan_strategies": {
-        "travel of the motor, sand over rigid: first, last, mean": ([1.25, 1.06, 1.15], 0.01),
-        "share of the travel that is a pull, rigid, %": ([25.0], 0.5),
-        "share of the travel that is a pull, sand, %": ([19.0], 0.5),
+    "fig65_plan_strategies": {  # least power does not fix the travel: that differs between builds that round otherwise
         "peak power above the least of any shape, at most, %": ([0.0], 0.5),
     },
     "section_2_4_1_hopper": {
