@@ -77,7 +77,7 @@ def plot(
 
 @xr.register_dataset_accessor("jv")  # type: ignore[no-untyped-call]
 class OfField:
-    """The verbs of a velocity field as its methods: `field.jv.plot()`, `.flow()`, `.statistics()`,
+    """Give a velocity field its functions as methods: `field.jv.plot()`, `.flow()`, `.statistics()`,
     `.export(file)`. They are `jv.plot(field)` and so on."""
 
     def __init__(self, field: xr.Dataset) -> None:

@@ -120,8 +120,10 @@ def _problems(request: Request, error: Exception) -> JSONResponse:
 
 
 def pieces(request: Request, largest: int, kind: str) -> Iterator[bytes]:
-    """What was sent, as it comes, for a function in a thread; HTTPException where its length [bytes] is not given, too
-    large or not kept, or its type is not `kind`."""
+    """Read a request's body in pieces as it comes, for a function in a thread.
+
+    Raises HTTPException where the length [bytes] is not given, too large or not kept, or the type is not `kind`.
+    """
     size = request.headers.get("Content-Length", "")
     if not size.isdecimal() or int(size) > largest:
         raise HTTPException(413, f"Content-Length: must be given and at most {largest} bytes")

@@ -165,7 +165,7 @@ class Progress:
         self._show(task, task.fields["done"] + 1)
 
     def _begin(self, name: str, total: int | None, jobs: Mapping[str, Job]) -> Phase:
-        """The phase of this name: that which is under way, else a new one."""
+        """Return the phase of this name: the one under way, else a new one."""
         if self.phase is None or self.phase.name != name:
             self._end()
             sizes: dict[str, list[float]] = {}

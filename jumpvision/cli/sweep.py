@@ -19,7 +19,7 @@ _axis, _limit = partial(option, group=AXES), partial(option, group=LIMITS)
 @Parameter(name="*", show_default=False)
 @dataclass(frozen=True)
 class SweepAxes:
-    """The axes of a sweep, in the order of its dimensions; what they mean is checked in sweeps.axes."""
+    """Declare the axes of a sweep, in the order of its dimensions; sweeps.axes checks their values."""
 
     frequency: Annotated[str | None, _axis("Forcing frequency [Hz].")] = None
     phase: Annotated[str | None, _axis("Start phase [rad]; pi/2 is a stutter jump, 3 pi/2 a single jump.")] = None

@@ -353,7 +353,7 @@ class Order:
         return fits
 
     def beyond(self, d: Findings) -> Findings:
-        """What is named, with a law of no list that describes the rest, if something is left and a cause is likelier
+        """Add to what is named a law of no list that describes the rest, if something is left and a cause is likelier
         than chance."""
         n = d.naming
         if n is None or n.by_chance or (d.varies and (d.varies.aside or (d.complete and d.varies.scatter))):

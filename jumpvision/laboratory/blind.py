@@ -196,8 +196,10 @@ def draw(
 
 
 def sweeps(ground: str, trials: int = 1, jumps: str = "full") -> tuple[Jump, ...]:
-    """The jumps of a campaign. jumps = "full": 24 different ones, or 12 that are made `trials` times each; "few": 4
-    different ones, or 2 that are made `trials` times each."""
+    """Return the jumps of a campaign.
+
+    jumps = "full": 24 different ones, or 12 of `trials` each; "few": 4 different ones, or 2 of `trials` each.
+    """
     if trials < 1 or jumps not in ("full", "few"):
         raise ValueError(f"trials = {trials}, jumps = {jumps!r}: must be at least 1, and 'full' or 'few'")
     made = FEW[ground, trials > 1] if jumps == "few" else (REPEATED if trials > 1 else ONCE)[ground]

@@ -354,7 +354,7 @@ def run_beds(
 
 @dataclass(frozen=True)
 class DiscNumbers:
-    """What beds say at the end of the stroke; sigma: of the mean over the beds, NaN for one. Of discs: N, kg."""
+    """Hold the means over beds at the end of the stroke [N, kg]; sigma: of the mean, NaN for one bed."""
 
     beds: int
     discs: int

@@ -37,7 +37,7 @@ def write_blind(out: Path, *, seed: int, ground: str = "granular") -> None:
 
 
 def reveal(out: Path) -> dict[str, str | float]:
-    """What `out` hides, and the score of results/<name>/diagnosis.json beside it. Raises InputError without answer."""
+    """Return what `out` hides, and the score of results/<name>/diagnosis.json. Raises InputError without answer."""
     if not sealed_file(out).exists():
         raise InputError([f"{sealed_file(out)}: no sealed answer here; give the folder that synth blind wrote"])
     answer = json.loads(zlib.decompress(base64.b64decode(sealed_file(out).read_bytes())))

@@ -57,7 +57,7 @@ class ContactLog:
 
 @dataclass(frozen=True)
 class RodFilm:
-    """The film of the ball."""
+    """Describe the film of the ball."""
 
     file: str = "rod.avi"  # or .mkv, .tif, .mraw, or a folder of images such as rod
     rate: float = 200.0  # 1/s
@@ -87,7 +87,7 @@ class GrainFilm:
 
 @dataclass(frozen=True)
 class Records:
-    """What is recorded of every jump, None where nothing is."""
+    """List the recordings of every jump, None for each that is not made."""
 
     rod_track: RodTrack | None = None
     rod_film: RodFilm | None = None
@@ -99,7 +99,7 @@ class Records:
 
 @dataclass(frozen=True)
 class Bed:
-    """The bed; its volume fraction is the jump's."""
+    """Describe the bed; its volume fraction is the jump's."""
 
     solid_volume: float = 0.045  # m^3, of all grains
     length: float = 0.56  # m
@@ -146,7 +146,7 @@ def jumps_of(
 
 @dataclass(frozen=True)
 class Protocol:
-    """The robot as declared, the mechanisms in force with their parameters, the jumps, what is recorded of them.
+    """Hold the robot as declared, the mechanisms in force with their parameters, the jumps, what is recorded of them.
 
     parameters: values, or functions of the volume fraction; scatter: relative standard deviations from jump to jump,
     of parameters and of "volume_fraction". motor: the feedback loop, None where the motor is where its law says.

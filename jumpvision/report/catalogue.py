@@ -69,7 +69,7 @@ class Results:
 
 
 def available(folder: Path, recordings: Experiment | None = None) -> dict[str, Offered]:
-    """The figures of a results folder by name; recordings: the experiment of the results, to draw its motor's log."""
+    """Return the figures of a results folder by name; recordings: the experiment, to draw its motor's log."""
     return {o.name: o for o in _offered(folder, recordings)}
 
 

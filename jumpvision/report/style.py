@@ -22,7 +22,7 @@ MAP, SIGNED = "viridis", "RdBu_r"
 
 
 class Kind(NamedTuple):
-    """How a kind of jump looks in every figure: colour and mark of matplotlib."""
+    """Return the colour and the mark of a kind of jump in every figure."""
 
     color: str
     mark: str

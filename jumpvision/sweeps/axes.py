@@ -81,7 +81,7 @@ AXES = {axis.name: axis for axis in _DECLARED}
 
 
 def option(name: str) -> str:
-    """How a person types an axis: rod_mass is --rod-mass."""
+    """Return an axis as its option: rod_mass is --rod-mass."""
     return "--" + name.replace("_", "-")
 
 
@@ -115,7 +115,7 @@ def read_axes(ground: str, given: Mapping[str, Value]) -> dict[str, Array]:
 
 
 def _text(value: Value) -> str:
-    """As a person types it."""
+    """Return a value as its option has it: LOW:HIGH:NUMBER, or a number."""
     return ":".join(map(str, value)) if isinstance(value, tuple) else str(value)
 
 
@@ -150,7 +150,7 @@ def _values(axis: Axis, value: Value) -> tuple[Array | None, str]:
 
 
 def read_laws(file: Path) -> Laws:
-    """The laws of a file. InputError with every problem."""
+    """Read the laws of a file. Raises InputError with every problem."""
     table = tables_of(file)
     model = table.get("model")
     table = model["laws"] if isinstance(model, dict) and isinstance(model.get("laws"), dict) else table

@@ -38,7 +38,7 @@ COUNTED = 8  # from here numbers of jumps share a colour
 
 
 def read_sweep(file: Path) -> xr.Dataset:
-    """The data set of a sweep.nc or comparison.nc; InputError where it is something else."""
+    """Read the data set of a sweep.nc or comparison.nc. Raises InputError for any other file."""
     try:
         with xr.open_dataset(file, engine="netcdf4") as data:
             data = data.load()
@@ -52,17 +52,17 @@ def read_sweep(file: Path) -> xr.Dataset:
 
 
 def picture(data: xr.Dataset) -> bytes:
-    """The figure as PNG."""
+    """Return the figure as PNG."""
     return png_of(sweep_figure, data)
 
 
 def sweep_figure(data: xr.Dataset, Figure: NewFigure) -> Figure:
-    """The figure of a data set: a comparison's, else of a map."""
+    """Draw the figure of a data set: a comparison's, else a map's."""
     return comparison(data, Figure) if origin_of(data).analysis == "comparison" else grid(data, Figure)
 
 
 def of_folder(source: Path) -> dict[str, Callable[[NewFigure], Figure]]:
-    """What draws the figure of a NetCDF file, or of every one in a folder of results, by name of the figure."""
+    """Return the function that draws a NetCDF file's figure, or every one's in a folder of results, by name."""
     files = [source] if source.is_file() else [f for n in (FILE, COMPARISON) for f in (source / n, *_kept(source, n))]
     return {f.stem: partial(sweep_figure, read_sweep(f)) for f in files if f.exists()}
 
@@ -99,7 +99,7 @@ def grid(data: xr.Dataset, Figure: NewFigure) -> Figure:
 
 
 def _what(data: xr.Dataset, dims: Sequence[Hashable]) -> str:
-    """The robot and the values that all jumps share."""
+    """Hold the robot and the values that all jumps share."""
     origin = origin_of(data)
     constants = origin.values
     law = [n for n in ("frequency", "phase", "amplitude", "cycles", "delay") if n not in dims]
@@ -192,7 +192,7 @@ def panels(data: xr.Dataset, Figure: NewFigure) -> Figure:
 
 
 def heading(data: xr.Dataset) -> str:
-    """What the numbers say as a whole."""
+    """Return the heading of a comparison: chi^2 of all conditions and how many stand out."""
     whole = attributes_of(Comparison, data)
     p = f"p = {whole.p_value:.2g}" if whole.p_value > 1e-4 else "p < 0.0001"
     out = int(data.stands_out.sum())

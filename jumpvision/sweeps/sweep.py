@@ -191,7 +191,7 @@ class Origin:
 
     @classmethod
     def of(cls, setup: Setup, analysis: str, f0_Hz: float | None = None) -> Origin:
-        """That of a robot, by the versions at hand."""
+        """Return the origin of a data set: the robot and the installed versions."""
         return cls(
             ground=setup.model.ground,
             robot=setup.name,

@@ -44,7 +44,7 @@ def page_files() -> dict[str, bytes]:
 
 
 class Server(LocalServer):
-    """The jumper's page."""
+    """Return the jumper's page."""
 
     def __init__(self, port: int):
         content = page_files()

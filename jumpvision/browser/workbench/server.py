@@ -214,9 +214,9 @@ class Server(LocalServer):
 
 
 def routes(b: Benches) -> list[BaseRoute]:
-    """What is answered, with the path's own parts by name."""
+    """Return the routes of the workbench; parts of a path are arguments by name."""
 
-    def told(path: str, answer: Callable[..., object]) -> Route:
+    def json_route(path: str, answer: Callable[..., object]) -> Route:
         return Route(path, lambda r: _json(answer(**r.path_params)))
 
     def picture(path: str, jpeg: Callable[..., bytes]) -> Route:
@@ -238,12 +238,12 @@ def routes(b: Benches) -> list[BaseRoute]:
     return [
         picture("/api/frame/{section}/{i:int}/{width:int}.jpg", lambda section, **at: b.bench.film(section).jpeg(**at)),
         Route("/api/track", lambda r: _json(_followed(b, int(r.query_params.get("since", "0"))))),
-        told("/api/state", b.state),
-        told("/api/flow/all", lambda: _matched(b)),
-        told("/api/earlier", b.earlier),
-        told("/api/glance", b.glance),
-        told("/api/why/{name}", b.why),
-        told("/api/run", lambda: _ran(b)),
+        json_route("/api/state", b.state),
+        json_route("/api/flow/all", lambda: _matched(b)),
+        json_route("/api/earlier", b.earlier),
+        json_route("/api/glance", b.glance),
+        json_route("/api/why/{name}", b.why),
+        json_route("/api/run", lambda: _ran(b)),
         picture("/small/{name}/{frame:int}.jpg", b.small),
         picture("/small/{name}.jpg", b.small),
         Route("/report/report.html", report),

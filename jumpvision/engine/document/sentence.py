@@ -85,7 +85,7 @@ def _unnamed(d: Diagnosis, words: Words) -> str:
 
 
 def _named(d: Diagnosis, words: Words) -> str:
-    """What is lacking, and what there is to say beside it."""
+    """Return the mechanisms that the model lacks, and the rest of the verdict, in words."""
     text, left = _listed(d.named, words.lacks) + _law(d, words, "explains the rest"), d.left_over
     if d.status == record.Status.PARTIAL and left and math.isfinite(left.share):
         wider = say("wider", wider=left.widened) if WIDER < left.widened < math.inf else ""

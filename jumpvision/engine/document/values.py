@@ -382,7 +382,7 @@ class NextExperiment:
 
 @dataclass(frozen=True)
 class NoiseSource:
-    """What one kind of evidence says of the noise. sigma_m: standard deviation [unit of y]; log_sigma: standard
+    """Hold the noise by one kind of evidence. sigma_m: standard deviation [unit of y]; log_sigma: standard
     uncertainty of its logarithm; n: samples beyond the coefficients of their courses (tracks, for what they state)."""
 
     sigma_m: float

@@ -76,7 +76,7 @@ def _lost(v: Varies) -> str:
 
 
 def _level(v: Varies) -> str:
-    """What recordings that share a value have: "4.0 % larger"."""
+    """Describe the value that recordings share: "4.0 % larger"."""
     if not v.declared:
         return say("is", value=_with_unit(v.value, v.unit), declared=_with_unit(v.declared, v.unit))
     if not 0.5 <= (ratio := v.value / v.declared) <= 2.0:  # a slip of a factor reads as one

@@ -307,7 +307,7 @@ def described(source: str, recordings: Sequence[Recording]) -> Study:
 
 
 def told(source: str, found: Any) -> Any:
-    """What the study MODULE:NAME gave. Raises InputError where it is a Failure."""
+    """Return the result of the study MODULE:NAME. Raises InputError where it is a Failure."""
     if isinstance(found, Failure):
         raise InputError([f"--simulator {source}: {found.why}"])
     return found

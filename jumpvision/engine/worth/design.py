@@ -40,8 +40,10 @@ class Held:
 
 @dataclass(frozen=True)
 class Prospect:
-    """What each model expects of an experiment, in noise units: mean (n,); spread (n, k): by its parameters and by what
-    scatters."""
+    """Hold the readings that each model expects of an experiment, in noise units.
+
+    mean (n,); spread (n, k): by the model's parameters and by what scatters.
+    """
 
     mean: tuple[Array, ...]
     spread: tuple[Array, ...]
@@ -124,7 +126,7 @@ def worth(p: Prospect, weights: Sequence[float], rng: np.random.Generator) -> Wo
 
 
 def propose(problem: Problem, which: Sequence[int], tried: Sequence[Explanation]) -> Proposal | None:
-    """The best of the observations `which` of a system of motions not yet made; None where none can be foretold.
+    """Return the best of the observations `which` of motions not yet made; None where none can be predicted.
 
     The most information wins; of those alike, where an answer is nearly sure, the largest log-odds.
     """

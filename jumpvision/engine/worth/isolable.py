@@ -44,8 +44,11 @@ LEAST_SEEN = 1e-9  # of a sensitivity squared: less than this beside the fit cou
 
 @dataclass(frozen=True)
 class Shown:
-    """What recordings tell of a cause. from_: the strength from which it shows with power, NaN where none in its range
-    does. twins: what it is not distinguished from at TWIN_STRENGTH times that strength."""
+    """Hold what recordings show of a cause.
+
+    from_: the strength from which the cause shows with power, NaN where none in its range does. twins: causes not
+    distinguished from it at TWIN_STRENGTH times that strength.
+    """
 
     mechanism: str
     parameter: str

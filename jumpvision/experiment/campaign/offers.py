@@ -114,7 +114,7 @@ def weigh_declared(campaign: Campaign, workers: int = 1) -> Isolable:
 
 
 def _declared(e: Experiment) -> Jump:
-    """The jump of an experiment as it is declared, its track not yet there."""
+    """Return the jump of an experiment as declared, without its track."""
     law, log, film = e.section(Actuation), e.section(MotorLog), e.section(RodVideo)
     if law is None or not law.moves or law.kind == "custom":
         raise InputError(["only a log says how it is driven"])

@@ -298,7 +298,7 @@ class BallFilm:
         return track_film(frames, settings, scene=self.scene, markers=self.markers)
 
     def followed(self, frames: Film) -> Followed:
-        """The tracks with the film's clock; see `tracks`."""
+        """Return the tracks with the film's clock; see `tracks`."""
         tracks, exposure = self.tracks(frames), self.exposure(frames)
         rows, columns = frames.shape
         return Followed(tracks, frames.time + exposure / 2, exposure, (rows, columns))

@@ -96,7 +96,7 @@ def receipt_of(entry: Path) -> Receipt:
 
 
 def whole(cache: Path, stage: str, key: str, digest_of: Callable[[Path], str] = sha256) -> Receipt:
-    """The receipt of the entry of this key, all files of which are there and have their SHA-256, as `digest_of` says.
+    """Return the receipt of the entry of this key, all files of which are there and have their SHA-256 by `digest_of`.
 
     Raises FileNotFoundError where there is none, CorruptEntry where it is damaged or not the one of this key.
     """
@@ -114,7 +114,7 @@ def whole(cache: Path, stage: str, key: str, digest_of: Callable[[Path], str] = 
 
 @contextlib.contextmanager
 def opened(cache: Path, stage: str, key: str) -> Iterator[Receipt]:
-    """The receipt of an entry as in `whole`, for a block that reads its files: looked at before and after it."""
+    """Give the receipt of an entry, as `whole`, to a block that reads its files; they are checked before and after."""
     entry = place(cache, stage, key)
     before = {name: stamp(entry / name) for name in receipt_of(entry)["outputs"]}
     receipt = whole(cache, stage, key)

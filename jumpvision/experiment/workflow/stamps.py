@@ -29,7 +29,7 @@ SAVE_EVERY_S = 60.0  # a run that is stopped while it hashes loses no more than 
 
 @dataclass(frozen=True)
 class Recording:
-    """The files of a recording: their folder, their names in order, stamp and SHA-256 of each as one text."""
+    """Hold the files of a recording: their folder, their names in order, stamp and SHA-256 of each as one text."""
 
     folder: str
     names: list[str]
@@ -94,7 +94,7 @@ class Stamps:
         raise InputError([f"{file}: changes while it is read; run again when it is whole"])
 
     def _row(self, key: bytes) -> str:
-        """What the table has of a file; "" for nothing."""
+        """Return the table's stamp and SHA-256 of a file; "" where it has none."""
         with contextlib.suppress(sqlite3.Error):
             if self._connection is None and self.file.exists():
                 self._connection = self._open()
@@ -140,5 +140,5 @@ def text_of(at: tuple[int, ...]) -> str:
 
 
 def seal(key: bytes, known: str) -> bytes:
-    """The checksum of a row."""
+    """Return the checksum of a row."""
     return hashlib.sha256(key + known.encode()).digest()

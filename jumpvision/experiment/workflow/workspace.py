@@ -128,7 +128,7 @@ class Workspace:
         return cast(R, self._records[output])
 
     def complete(self, output: type) -> str:
-        """The key of a record that is in the cache, computed where it was not, its file in the results folder."""
+        """Return the key of a record, computed where the cache lacks it, its file put into the results folder."""
         if output in self._failed:
             raise self._failed[output]
         if output not in self._keys:
@@ -242,14 +242,14 @@ class Workspace:
         return key
 
     def _receipt(self, made: Stage, key: str) -> Receipt:
-        """Of a whole entry. Raises as `entries.whole` does, FileNotFoundError also where it is to be made anew."""
+        """Return the receipt of a whole entry. Raises as `entries.whole`; FileNotFoundError where it is to be made anew."""
         receipt = entries.whole(self.cache, made.name, key, self._stamps.of_file)
         if self.fresh and receipt["versions"] != entries.versions():
             raise FileNotFoundError
         return receipt
 
     def _hashed(self, made: Stage, key_of: Callable[[type], str]) -> str:
-        """The key of a stage whose inputs that are records have the keys of `key_of`."""
+        """Return the key of a stage whose input records have the keys of `key_of`."""
         keys: dict[str, object] = {i.name: self._identity(i, key_of) for i in made.inputs}
         if made.params:
             keys["p"] = dataclasses.asdict(self.parameters(made))
@@ -264,7 +264,7 @@ class Workspace:
         return obj
 
     def _identity(self, i: Input, key_of: Callable[[type], str]) -> object:
-        """What identifies an input, None where it is not there."""
+        """Return the value that identifies an input, None where it is missing."""
         if i.type is Said:
             return self.said()
         if i.type is Experiment:
@@ -368,7 +368,7 @@ class Workspace:
             return Path(file).as_posix()
 
     def _read_what_was_hashed(self, made: Stage) -> None:
-        """What a stage has read is what its key says: a recording that was exchanged meanwhile is another one."""
+        """Check that a stage has read what its key names: a recording that was exchanged meanwhile is another one."""
         for i in made.inputs:
             section = self.experiment.section(i.type) if issubclass(i.type, Section) else None
             for f, digest, at in self._stamps.recordings.get(getattr(section, "path", Path()), ()):

@@ -40,7 +40,7 @@ class FilmChip(Chip):
 
 @dataclass(frozen=True)
 class Camera(FilmChip):
-    """The camera of the rod film; the defaults are the good camera of the samples. Grey levels are those of 8 bits."""
+    """Describe the camera of the rod film, by default the good one of the samples. Grey levels of 8 bits."""
 
     electrons_per_grey: float = 45.0
     read_noise: float = 0.8  # grey
@@ -49,7 +49,7 @@ class Camera(FilmChip):
 
 @dataclass(frozen=True)
 class GrainCamera(FilmChip):
-    """The camera of the grain film."""
+    """Describe the camera of the grain film."""
 
     electrons_per_grey: float = 60.0
     read_noise: float = 1.0  # grey
@@ -58,7 +58,7 @@ class GrainCamera(FilmChip):
 
 @dataclass(frozen=True)
 class BedCamera(Chip):
-    """The camera of the bed image."""
+    """Describe the camera of the bed image."""
 
     electrons_per_grey: float = 40.0
     read_noise: float = 1.5  # grey

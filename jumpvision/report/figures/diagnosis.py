@@ -292,7 +292,7 @@ def _gain(ax: Axes, data: Diagnosis) -> None:
 
 
 def gain_words(g: Gain) -> str:
-    """How much better the tracks of jumps held out are, over its interval."""
+    """Draw how much better the tracks of jumps held out are, over its interval."""
     return f"held out: {times(g.ratio, mark='×')} better\n{between(*g.ratio_ci95).strip()}"
 
 
@@ -363,7 +363,7 @@ ALONG = (  # what heights are drawn along: key, its axis, factor
 
 
 def placed(rows: Sequence[Mapping[str, Any]]) -> tuple[list[Mapping[str, Any]], tuple[str, str, float]]:
-    """The rows of jumps.csv with a height that heights() draws, and along what: that of which there are most values."""
+    """Return the rows of jumps.csv whose height heights() draws, and the axis: the quantity with most values."""
     jumped = [r for r in rows if r.get("jump_height_m") is not None]
     along = max(ALONG, key=lambda a: len({round(r[a[0]], 2) for r in jumped if r.get(a[0]) is not None}))
     return [r for r in jumped if r.get(along[0]) is not None], along
@@ -403,7 +403,7 @@ COLUMNS = ("jump_height_m", "sigma_m", "simulated_height_m")
 
 
 def height_words(row: Mapping[str, Any]) -> str:
-    """What a page says of a row of jumps.csv where one points at it."""
+    """Return the title of a row of jumps.csv on a page."""
     h, s, model = (row.get(k) for k in COLUMNS)
     text = f"{row['experiment']}: {measured(h, s, 1e3)} mm"
     return text + (f", simulated {plain_number(model, 1e3)} mm" if model is not None else "")

@@ -28,7 +28,7 @@ def fits_of(results: Path) -> Fits:
 
 
 def whole_disc(results: Path) -> bool:
-    """Whether the grain film shows a whole foot and not half of one at the wall."""
+    """Return True if the grain film shows a whole foot and not half of one at the wall."""
     import xarray as xr
 
     if not (results / Flow.file).exists():
@@ -38,7 +38,7 @@ def whole_disc(results: Path) -> bool:
 
 
 def motion_figures(results: Path, experiment: Experiment | None) -> Iterator[Drawn]:
-    """The jump, the grains, the intrusion."""
+    """Draw the jump, the grains, the intrusion."""
     fits, law = fits_of(results), experiment.section(Actuation) if experiment else None
     if (results / RodMotion.file).exists():
         rod = RodMotion.load(results).table
@@ -77,7 +77,7 @@ def intrusion_figure(results: Path) -> Drawn:
 
 
 def apparatus_figures(results: Path, experiment: Experiment | None) -> Iterator[Drawn]:
-    """What the experiment was made with: motor, ring-down, spring, air."""
+    """Draw the apparatus: motor, ring-down, spring, air."""
     fits = fits_of(results)
     log, law = (experiment.section(MotorLog), experiment.section(Actuation)) if experiment else (None, None)
     if log and law and fits.determined("actuator_ratio"):

@@ -95,8 +95,10 @@ def write_campaign(
     *,
     draws: str,
 ) -> None:
-    """The page of a campaign. warned: what is to be doubted of it, in sentences; mark: for the page's head; draws: the
-    command that draws the pictures of all pages."""
+    """Render the page of a campaign.
+
+    warned: its doubts, in sentences; mark: for the page's head; draws: the command that draws all pages' pictures.
+    """
     from jumpvision.experiment.campaign.measured.actuator import actuator_bandwidth, driven
     from jumpvision.experiment.campaign.measured.craters import measured_in, zero_crossing
     from jumpvision.experiment.campaign.measured.intrusions import intrusion_laws, slow_intrusions, stepped
@@ -213,7 +215,7 @@ def write_experiment(
     *,
     draws: str,
 ) -> None:
-    """The page of one experiment. back: address of the campaign's; receipt: its provenance.json; draws: as in
+    """Render the page of one experiment. back: address of the campaign's; receipt: its provenance.json; draws: as in
     `write_campaign`."""
     folder, law = outcome.results, experiment.section(Actuation) if experiment else None
     provenance = _shown(json.loads(receipt or "{}"))

@@ -85,12 +85,12 @@ def recordings(d: Diagnosis) -> list[Drawn]:
 
 
 def _worst(traces: Sequence[Trace]) -> float:
-    """The largest error of the simulation in the range of its channel."""
+    """Return the largest error of the simulation in the range of its channel."""
     return max(rms(x.measured - x.simulated) / max(float(np.ptp(x.measured)), 1e-300) for x in traces)
 
 
 def _errors(traces: Sequence[Trace], d: Diagnosis) -> str:
-    """The rms error of each channel in words."""
+    """Return the rms error of each channel in words."""
     errors = "; ".join(
         f"{x.channel}: {rms(x.measured - x.simulated):.3g}"
         + ("" if d.adequate else f" → {rms(x.measured - x.extended):.3g}")
@@ -102,7 +102,7 @@ def _errors(traces: Sequence[Trace], d: Diagnosis) -> str:
 
 
 def correlation_rows(d: Diagnosis) -> list[dict[str, str]]:
-    """The correlations of the fitted parameters as a table; [] for one parameter."""
+    """Return the correlations of the fitted parameters as a table; [] for one parameter."""
     known = d.correlations or {}
     if len(known) < 2:
         return []

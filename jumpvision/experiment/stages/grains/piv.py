@@ -151,7 +151,7 @@ def ready(
     mask: GrainMask | None,
     p: PivParams,
 ) -> Iterator[Ready]:
-    """The film of a section, opened, with what its pairs have in common: foot, masks and light."""
+    """Open the film of a section, with what its pairs have in common: foot, masks and light."""
     straight, film = open_grains(given, calibration)
     stride = stride_of(film, p)
     with straight as frames:

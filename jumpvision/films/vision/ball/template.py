@@ -75,7 +75,7 @@ def sampled(image: Image, x: float, y: float, turn: float, k: int) -> Float32:
 
 
 def left(image: Float32, x: float, y: float, margin: float) -> bool:
-    """Whether (x, y) is beyond a picture's edge by the margin [px], but not the upper one: from there it falls back."""
+    """Return True if (x, y) is beyond a picture's edge by the margin [px], but not the upper one: a ball falls back."""
     h, w = image.shape
     return not (-margin < x < w + margin) or y > h + margin
 
