@@ -222,7 +222,7 @@ def routes(b: Benches) -> list[BaseRoute]:
     def picture(path: str, jpeg: Callable[..., bytes]) -> Route:
         return Route(path, lambda r: Response(jpeg(**r.path_params), media_type="image/jpeg"))
 
-    def asked(path: str, answer: Callable[[Benches, Question], object]) -> Route:
+    def question_route(path: str, answer: Callable[[Benches, Question], object]) -> Route:
         return Route(path, lambda r: _json(answer(b, _question(r))), methods=["POST"])
 
     def report(r: Request) -> Response:
@@ -249,7 +249,7 @@ def routes(b: Benches) -> list[BaseRoute]:
         Route("/report/report.html", report),
         Route("/report/{name}/report.html", report),
         Route("/api/add/file/{name}", add_file, methods=["POST"]),
-        *(asked(path, answer) for path, answer in QUESTIONS.items()),
+        *(question_route(path, answer) for path, answer in QUESTIONS.items()),
         Mount("/", StaticFiles(packages=[(str(__package__), "static")], html=True)),
     ]
 

@@ -6,7 +6,7 @@ import multiprocessing
 
 from jumpvision.base.arrays import Array
 
-from .processes import Ask, Process, told
+from .processes import Ask, Process, result_of_study
 from .study import Recording
 
 
@@ -15,9 +15,9 @@ def first_run(source: str, recording: Recording, limit: float) -> Array:
     seconds that it may take. Raises InputError."""
     process = Process(multiprocessing.get_context("spawn"), (source, [recording]))
     try:
-        study = told(source, process.answer(None))
+        study = result_of_study(source, process.answer(None))
         own = {p.name: p.start(recording) if callable(p.start) else p.start for p in study.parameters if p.each}
-        found = told(source, process.answer(Ask(0, 0, study.first | own), limit))
+        found = result_of_study(source, process.answer(Ask(0, 0, study.first | own), limit))
     finally:
         process.end()
     return recording.of_channels(found, study.channels, "simulated values")

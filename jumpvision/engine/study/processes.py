@@ -303,10 +303,10 @@ def described(source: str, recordings: Sequence[Recording]) -> Study:
     process = Process(multiprocessing.get_context("spawn"), (source, list(recordings)))
     found = process.answer(None)
     process.end()
-    return told(source, found)
+    return result_of_study(source, found)
 
 
-def told(source: str, found: Any) -> Any:
+def result_of_study(source: str, found: Any) -> Any:
     """Return the result of the study MODULE:NAME. Raises InputError where it is a Failure."""
     if isinstance(found, Failure):
         raise InputError([f"--simulator {source}: {found.why}"])

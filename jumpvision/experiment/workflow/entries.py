@@ -95,7 +95,7 @@ def receipt_of(entry: Path) -> Receipt:
     return found
 
 
-def whole(cache: Path, stage: str, key: str, digest_of: Callable[[Path], str] = sha256) -> Receipt:
+def check_entry(cache: Path, stage: str, key: str, digest_of: Callable[[Path], str] = sha256) -> Receipt:
     """Return the receipt of the entry of this key, all files of which are there and have their SHA-256 by `digest_of`.
 
     Raises FileNotFoundError where there is none, CorruptEntry where it is damaged or not the one of this key.
@@ -114,10 +114,10 @@ def whole(cache: Path, stage: str, key: str, digest_of: Callable[[Path], str] = 
 
 @contextlib.contextmanager
 def opened(cache: Path, stage: str, key: str) -> Iterator[Receipt]:
-    """Give the receipt of an entry, as `whole`, to a block that reads its files; they are checked before and after."""
+    """Give the receipt of an entry, as `check_entry`, to a block that reads its files; they are checked before and after."""
     entry = place(cache, stage, key)
     before = {name: stamp(entry / name) for name in receipt_of(entry)["outputs"]}
-    receipt = whole(cache, stage, key)
+    receipt = check_entry(cache, stage, key)
     try:
         yield receipt
     except FileNotFoundError:

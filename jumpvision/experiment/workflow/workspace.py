@@ -242,8 +242,8 @@ class Workspace:
         return key
 
     def _receipt(self, made: Stage, key: str) -> Receipt:
-        """Return the receipt of a whole entry. Raises as `entries.whole`; FileNotFoundError where it is to be made anew."""
-        receipt = entries.whole(self.cache, made.name, key, self._stamps.of_file)
+        """Return the receipt of a whole entry. Raises as `check_entry`; FileNotFoundError where it is made anew."""
+        receipt = entries.check_entry(self.cache, made.name, key, self._stamps.of_file)
         if self.fresh and receipt["versions"] != entries.versions():
             raise FileNotFoundError
         return receipt
@@ -335,7 +335,7 @@ class Workspace:
 
     def _is_whole(self, made: Stage, key: str) -> bool:
         try:
-            receipt = entries.whole(self.cache, made.name, key)
+            receipt = entries.check_entry(self.cache, made.name, key)
         except (FileNotFoundError, CorruptEntry):
             return False
         return not self.fresh or receipt["versions"] == entries.versions()

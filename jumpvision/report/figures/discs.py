@@ -38,8 +38,8 @@ def disc_picture(runs: Sequence[xr.Dataset], foot: float, film: tuple[xr.Dataset
             left.plot(depth, run.foot_force, color=MEASURED, lw=1.0)
             right.plot(depth, run.added_mass, color=MEASURED, lw=1.0)
             right.plot(depth, run.plug, color=MODEL, lw=1.0)
-        left.set(title="force on the foot", ylabel="[N]")
-        right.set(title="added mass; plug (orange)", ylabel="[kg]", ylim=(0.0, None))
+        left.set(title="force on the foot", ylabel="force [N]")
+        right.set(title="added mass; plug (orange)", ylabel="mass [kg]", ylim=(0.0, None))
         for axis in (left, right):
             axis.set_xlabel("depth of the foot [mm]")
         if film:
@@ -53,7 +53,7 @@ def draw_film(axis: Axes, flow: xr.Dataset, discs: Array) -> None:
     axis.fill_between(ms, film - sigma, film + sigma, color=MEASURED, alpha=0.2, lw=0)
     axis.plot(ms, film, color=MEASURED)
     axis.plot(ms, 1e3 * discs.T, "--", color=MODEL, lw=1.0)
-    axis.set(title="momentum; of discs (orange)", xlabel="time [ms]", ylabel="[g m/s]")
+    axis.set(title="momentum; of discs (orange)", xlabel="time [ms]", ylabel="momentum [g m/s]")
 
 
 def draw_discs(axis: Axes, data: xr.Dataset, foot: float, k: int) -> Any:

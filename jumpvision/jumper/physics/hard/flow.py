@@ -127,7 +127,7 @@ def power_at(force: Derived, at: State, s: float, arc: Arc) -> Derived:
 
 
 @nb.njit(**INLINE)
-def raised(
+def raise_maximum(
     best: float, which: float, arc: Arc, q: float, g: float, start: float, end: float, before: Derived, after: Derived
 ) -> float:
     """Return `best`, or the maximum of a quantity on the step from start to end [s] where that is greater."""
@@ -229,12 +229,12 @@ def follow_arc(
         x, v, a, _, _, _, _ = at
         if not up:
             before, height = height, height_at(at, arc, q)
-            top = raised(top, HEIGHT, arc, q, g, start, s, before, height)
+            top = raise_maximum(top, HEIGHT, arc, q, g, start, s, before, height)
         if watched:
             before, force = force, force_at(at, s, arc, q, g)
-            force_peak = raised(force_peak, FORCE, arc, q, g, start, s, before, force)
+            force_peak = raise_maximum(force_peak, FORCE, arc, q, g, start, s, before, force)
             before, power = power, power_at(force, at, s, arc)
-            power_peak = raised(power_peak, POWER, arc, q, g, start, s, before, power)
+            power_peak = raise_maximum(power_peak, POWER, arc, q, g, start, s, before, power)
         if sign * v > 0.0 and sign * x >= -_rounding(arc, s):
             return s, x, v, True, (top, force_peak, power_peak)
         if s >= left or (not moving and ((v_before > 0.0 and v <= 0.0) or _is_still(x, v, arc[W2], g))):
