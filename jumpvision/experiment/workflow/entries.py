@@ -114,7 +114,7 @@ def check_entry(cache: Path, stage: str, key: str, digest_of: Callable[[Path], s
 
 @contextlib.contextmanager
 def opened(cache: Path, stage: str, key: str) -> Iterator[Receipt]:
-    """Give the receipt of an entry, as `check_entry`, to a block that reads its files; they are checked before and after."""
+    """Give the receipt of an entry to a block that reads its files, with `check_entry` before and their stamps after."""
     entry = place(cache, stage, key)
     before = {name: stamp(entry / name) for name in receipt_of(entry)["outputs"]}
     receipt = check_entry(cache, stage, key)
