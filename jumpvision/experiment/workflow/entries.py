@@ -114,7 +114,7 @@ def check_entry(cache: Path, stage: str, key: str, digest_of: Callable[[Path], s
 
 @contextlib.contextmanager
 def opened(cache: Path, stage: str, key: str) -> Iterator[Receipt]:
-    """Give the receipt of an entry to a block that reads its files, with `check_entry` before and their stamps after."""
+    """Give an entry's receipt to a block that reads its files: `check_entry` before the block, stamps after it."""
     entry = place(cache, stage, key)
     before = {name: stamp(entry / name) for name in receipt_of(entry)["outputs"]}
     receipt = check_entry(cache, stage, key)
