@@ -28,6 +28,7 @@ from jumpvision.experiment.inputs.sections import (
 from jumpvision.experiment.workflow.stage import StageWarning
 from jumpvision.films.frames import Film, FrameError, open_frames
 from jumpvision.films.vision.camera import Camera, camera, straight_map, straight_points
+from jumpvision.films.vision.resample import resampled
 
 from .pairs import in_pairs
 
@@ -121,9 +122,7 @@ class StraightFilm(Film):
         self._film, self._map = film, straight_map(view, film.shape, scale)
 
     def _read(self, i: int) -> Image:
-        import cv2
-
-        return np.asarray(cv2.remap(self._film[i], *self._map, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
+        return resampled(self._film[i], *self._map)
 
     def close(self) -> None:
         self._film.close()
