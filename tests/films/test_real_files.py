@@ -5,9 +5,10 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+import tifffile
 
 from jumpvision.experiment.stages.recordings import StraightFilm
-from jumpvision.films import open_frames
+from jumpvision.films import FrameError, open_frames
 from jumpvision.films.vision.camera import camera
 from jumpvision.films.vision.piv.engine import piv_pair
 from jumpvision.films.vision.resample import resampled
@@ -85,3 +86,77 @@ def test_a_lens_that_is_undone_leaves_no_pattern_in_the_mean_motion(tmp_path):
     of_mean, scatter = np.sqrt(np.mean(np.mean(error, 0) ** 2)), np.sqrt(np.mean(np.var(error, 0, ddof=1)) / 8)
     assert of_mean <= 0.0039  # px; with OpenCV's cubic 0.0063
     assert of_mean < 1.15 * scatter  # 2,000 values, alike over 3 x 3 vectors: their rms is known to 5 %
+
+
+# Films ---------------------------------------------------------------------------------------------------------------
+
+FILM = (10 * np.arange(1, 8, dtype=np.uint8))[:, None, None] + np.arange(32, dtype=np.uint8)[:, None] // 16
+FILM = np.repeat(FILM, 40, axis=2)  # 7 frames of 32 rows x 40 columns
+
+
+@pytest.mark.surprise(
+    package="tifffile",
+    version="2026.3.3",
+    behaviour="A film of exactly 3 or 4 frames is saved as one colour picture of separate planes unless "
+    "photometric='minisblack' is given.",
+    here="Such a file is refused with the remedy, as nothing in it tells frames from colours.",
+)
+@pytest.mark.parametrize("n", [2, 3, 4, 5])
+def test_no_film_is_read_as_one_colour_picture(tmp_path, n):
+    tifffile.imwrite(tmp_path / "f.tif", FILM[:n], photometric="rgb" if n in (3, 4) else None)  # as it then chooses
+    if n in (3, 4):
+        with pytest.raises(FrameError, match=rf"{n} grey frames.*minisblack"):
+            open_frames(tmp_path / "f.tif", frame_rate=10.0)
+        tifffile.imwrite(tmp_path / "f.tif", FILM[:n], photometric="minisblack")
+    with open_frames(tmp_path / "f.tif", frame_rate=10.0) as film:
+        assert np.array_equal(list(film), FILM[:n])
+
+
+def test_colour_pictures_stay_colour_pictures(tmp_path):
+    colour = np.stack([FILM[:3]] * 2)  # 2 frames of 3 planes
+    tifffile.imwrite(tmp_path / "planes.tif", colour, photometric="rgb", planarconfig="separate")
+    tifffile.imwrite(tmp_path / "pixels.tif", np.moveaxis(colour, 1, -1), photometric="rgb")
+    for name in ("planes", "pixels"):
+        with open_frames(tmp_path / f"{name}.tif", frame_rate=1.0) as film:
+            assert len(film) == 2 and film[0][0, 0] == round(0.299 * 10 + 0.587 * 20 + 0.114 * 30)
+
+
+@pytest.mark.surprise(
+    package="tifffile",
+    version="2026.3.3",
+    behaviour="The pages of an OME-TIFF are all planes one after another, channels and frames alike, and in a set of "
+    "files only those of the first; what they are stands in the XML of the first page.",
+    here="Several channels, slices and frames, or several files, are refused; TimeIncrement is the film's clock.",
+)
+def test_ome_tiff_says_which_pages_are_frames(tmp_path):
+    file = tmp_path / "f.ome.tif"
+    tifffile.imwrite(file, np.stack([FILM, FILM], axis=1), metadata={"axes": "TCYX"})
+    with pytest.raises(FrameError, match=r"2 channels, 7 frames.*save one channel"):
+        open_frames(file, frame_rate=10.0)
+    times = {"TimeIncrement": 20.0, "TimeIncrementUnit": "ms"}
+    tifffile.imwrite(file, FILM, metadata={"axes": "TYX", **times})
+    with open_frames(file, frame_rate=100.0) as film:
+        assert np.array_equal(list(film), FILM) and film.time[1] == pytest.approx(0.02)
+        assert "frame_rate = 100 Hz is declared" in film.warnings[0] and "50 Hz" in film.warnings[0]
+    colour = np.stack([FILM] * 3, axis=-1)
+    tifffile.imwrite(file, colour, photometric="rgb", metadata={"axes": "TYXS"})
+    with open_frames(file, frame_rate=100.0) as film:
+        assert len(film) == 7 and not film.warnings
+
+
+def test_one_file_of_an_ome_tiff_set_is_refused(tmp_path):
+    """By the OME model every file names all of them, or the one file that does."""
+    block = '<TiffData FirstT="{}" PlaneCount="3"><UUID FileName="f{}.ome.tif">urn:uuid:1</UUID></TiffData>'
+    named = block.format(0, 0) + block.format(3, 1)
+    pixels = '<Pixels SizeX="40" SizeY="32" SizeZ="1" SizeC="1" SizeT="6">'
+    other = '<BinaryOnly MetadataFile="f0.ome.tif" UUID="urn:uuid:1"/>'
+    for text in (f"<OME><Image>{pixels}{named}</Pixels></Image></OME>", f"<OME>{other}</OME>"):
+        tifffile.imwrite(tmp_path / "f.ome.tif", FILM[:5], description=text, metadata=None, ome=False)
+        with pytest.raises(FrameError, match=r"set of several files.*as one"):
+            open_frames(tmp_path / "f.ome.tif", frame_rate=10.0)
+
+
+def test_the_frame_interval_of_imagej_is_compared(tmp_path):
+    tifffile.imwrite(tmp_path / "f.tif", FILM, imagej=True, metadata={"axes": "TYX", "finterval": 0.02})
+    with open_frames(tmp_path / "f.tif", frame_rate=100.0) as film:
+        assert "50 Hz" in film.warnings[0]
