@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import cv2
+import h5py
 import numpy as np
 import pytest
 import tifffile
@@ -160,3 +161,23 @@ def test_the_frame_interval_of_imagej_is_compared(tmp_path):
     tifffile.imwrite(tmp_path / "f.tif", FILM, imagej=True, metadata={"axes": "TYX", "finterval": 0.02})
     with open_frames(tmp_path / "f.tif", frame_rate=100.0) as film:
         assert "50 Hz" in film.warnings[0]
+
+
+@pytest.mark.surprise(
+    package="hdf5storage",
+    version="0.2.2",
+    behaviour="An array is written with its axes turned round, as MATLAB would see it; the attribute Python.Shape says "
+    "how it was.",
+    here="Its frames are those of the array that was saved.",
+)
+@pytest.mark.parametrize("kept", [FILM, np.stack([FILM] * 3, axis=-1), FILM[0]])
+def test_a_film_of_hdf5storage_has_the_frames_that_were_saved(tmp_path, kept):
+    with h5py.File(tmp_path / "f.h5", "w") as file:  # the attributes that 0.2.2 writes
+        data = file.create_dataset("film", data=kept.T)
+        data.attrs["MATLAB_class"], data.attrs["Python.Type"] = np.bytes_(b"uint8"), np.bytes_(b"numpy.ndarray")
+        data.attrs["Python.Shape"] = np.array(kept.shape, np.uint64)
+    for axes in ("", "frame,row,column"):
+        with open_frames(tmp_path / "f.h5", frame_rate=10.0, axes=axes) as film:
+            assert film.shape == (32, 40)
+            assert np.array_equal(np.squeeze(list(film)), FILM if kept.ndim > 2 else FILM[0])
+            assert any("read as" in w for w in film.warnings) == (not axes)

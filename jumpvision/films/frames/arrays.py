@@ -131,8 +131,12 @@ class Hdf5Film(Film):
             )
         # MATLAB counts axes from the fastest: its (y, x, frame) stands as (frame, x, y) in the file
         matlab = "MATLAB_class" in self._data.attrs
-        self._turned = self._axes == AXES[1] if self._axes else matlab
-        n, frame = stack_shape(path, self._data.shape, self._data.name)
+        # hdf5storage writes an array of Python as MATLAB would see it, its axes turned round, and says so
+        stood = tuple(int(k) for k in np.ravel(self._data.attrs.get("Python.Shape", ())))
+        self._reversed = stood == self._data.shape[::-1]
+        self._turned = self._axes == AXES[1] if self._axes else matlab and not self._reversed
+        shape = stood if self._reversed else self._data.shape
+        n, frame = stack_shape(path, shape, self._data.name)
         if self._turned:
             frame = (frame[1], frame[0], *frame[2:])
         kind = native_type(self._data.dtype, path)
@@ -144,13 +148,14 @@ class Hdf5Film(Film):
             shape=(frame[0], frame[1]),
             dtype=kind,
             clock=clock(path, n, start=start, frame_rate=frame_rate),
-            warnings=[] if matlab or self._axes else [_counted(path, self._data.name, n, frame)],
+            warnings=[] if self._axes or self._turned else [_counted(path, self._data.name, n, frame)],
             meta={"format": "hdf5", "bit_depth": 8 * kind.itemsize, "data_set": self._data.name},
         )
 
     def _read(self, i: int) -> Image:
         try:
-            image = self._data[()] if self._data.ndim == 2 else self._data[i]
+            at = () if self._data.ndim == 2 else (..., i) if self._reversed else i
+            image = self._data[at].T if self._reversed else self._data[at]
             image = np.swapaxes(image, 0, 1) if self._turned else image
         except (OSError, RuntimeError, ValueError) as error:
             raise FrameError(f"{self.path}: frame {i} cannot be read: {error}; copy the file again") from error
