@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import warnings
+
 import cv2
 import h5py
 import numpy as np
 import pytest
 import tifffile
+import xarray as xr
 
+from jumpvision import statistics
+from jumpvision.base.schema import InputError, StageWarning
+from jumpvision.experiment.inputs.vectors import read_vectors
 from jumpvision.experiment.stages.recordings import StraightFilm
 from jumpvision.films import FrameError, open_frames
 from jumpvision.films.vision.camera import camera
@@ -181,3 +187,54 @@ def test_a_film_of_hdf5storage_has_the_frames_that_were_saved(tmp_path, kept):
             assert film.shape == (32, 40)
             assert np.array_equal(np.squeeze(list(film)), FILM if kept.ndim > 2 else FILM[0])
             assert any("read as" in w for w in film.warnings) == (not axes)
+
+
+# Fields --------------------------------------------------------------------------------------------------------------
+
+
+def openpiv_field():
+    """x, y, u, v of OpenPIV with 13 masked vectors among 225 that move."""
+    x, y = np.meshgrid(16.0 * np.arange(1, 16), 16.0 * np.arange(15, 0, -1))
+    masked = np.zeros(x.shape, bool)
+    masked[5:8, 5:9] = masked[0, 0] = True
+    return x, y, *(np.ma.masked_array(f, masked) for f in (2 + 0.01 * x, 1 + 0.005 * y)), masked
+
+
+@pytest.mark.surprise(
+    package="OpenPIV",
+    version="0.26.1",
+    behaviour="save() writes masked vectors as u = v = 0 with flag and mask 0, as if they were measured, unless mask= "
+    "is given.",
+    here="Vectors that are exactly 0 in both components are left out, with a warning.",
+)
+def test_masked_vectors_of_openpiv_do_not_count_as_measured(tmp_path):
+    tools = pytest.importorskip("openpiv.tools")
+    x, y, u, v, masked = openpiv_field()
+    tools.save(tmp_path / "field.txt", x, y, u, v)
+    with pytest.warns(StageWarning, match="13 of 225 measured vectors are exactly 0"):
+        found = read_vectors(tmp_path / "field.txt")
+    assert np.array_equal(found.valid[..., 0], ~masked)
+    tools.save(tmp_path / "field.txt", x, y, u, v, mask=masked)
+    with warnings.catch_warnings(action="error"):
+        assert np.array_equal(read_vectors(tmp_path / "field.txt").valid[..., 0], ~masked)
+
+
+@pytest.mark.surprise(
+    package="pivpy",
+    version="0.4.0",
+    behaviour="load_openpiv_txt takes OpenPIV's mask column, 1 where masked, for 1 where measured: every u and v of a "
+    "field becomes 0.",
+    here="A field of zeros is refused, whatever `measured` says, with the advice to name OpenPIV's own text.",
+)
+@pytest.mark.parametrize("measured", [(), (0,), (1,)])
+def test_a_field_of_zeros_is_refused_whatever_its_flags(tmp_path, measured):
+    x, y, u, *_ = openpiv_field()
+    zeros = (("y", "x", "t"), np.zeros((*u.shape, 1)))
+    data = xr.Dataset(
+        dict.fromkeys(("u", "v", "chc"), zeros), {"x": x[0], "y": y[:, 0], "t": [0.0]}, {"files": ["field.txt"]}
+    )
+    data.to_netcdf(tmp_path / "field.nc")
+    with pytest.raises(InputError, match=r"0 or missing everywhere.*OpenPIV"):
+        read_vectors(tmp_path / "field.nc", measured)
+    with pytest.raises(InputError, match="0 or missing everywhere"):
+        statistics(data, measured=measured)
