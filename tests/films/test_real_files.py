@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import warnings
+from fractions import Fraction
 
+import av
 import cv2
 import h5py
 import numpy as np
@@ -13,12 +15,13 @@ import xarray as xr
 
 from jumpvision import statistics
 from jumpvision.base.schema import InputError, StageWarning
+from jumpvision.experiment.inputs.sections import RodVideo
 from jumpvision.experiment.inputs.vectors import read_vectors
-from jumpvision.experiment.stages.recordings import StraightFilm
+from jumpvision.experiment.stages.recordings import StraightFilm, open_film
 from jumpvision.films import FrameError, open_frames
+from jumpvision.films.resample import resampled
 from jumpvision.films.vision.camera import camera
 from jumpvision.films.vision.piv.engine import piv_pair
-from jumpvision.films.vision.resample import resampled
 
 # Pictures ------------------------------------------------------------------------------------------------------------
 
@@ -187,6 +190,71 @@ def test_a_film_of_hdf5storage_has_the_frames_that_were_saved(tmp_path, kept):
             assert film.shape == (32, 40)
             assert np.array_equal(np.squeeze(list(film)), FILM if kept.ndim > 2 else FILM[0])
             assert any("read as" in w for w in film.warnings) == (not axes)
+
+
+@pytest.mark.surprise(
+    package="pyMRAW",
+    version="0.33.0",
+    behaviour="save_mraw writes 1 frame a second, a shutter of 1 s and 12 effective bits of 16 into the header unless "
+    "it is told them.",
+    here="An exposure that is longer than from one frame to the next is not used, with a warning.",
+)
+@pytest.mark.parametrize(("clock", "first", "said"), [("declared", 0.0, True), ("file", 0.5, False)])
+def test_an_exposure_longer_than_the_time_between_frames_is_unknown(tmp_path, clock, first, said):
+    FILM.astype("<u2").tofile(tmp_path / "f.mraw")
+    header = {"Record Rate(fps)": "1", "Shutter Speed(s)": "1.000000", "Total Frame": 7, "Original Total Frame": 7}
+    header |= {"Start Frame": 0, "Image Width": 40, "Image Height": 32, "Color Type": "Mono", "Color Bit": 16}
+    header |= {"File Format": "MRaw", "EffectiveBit Depth": 12, "EffectiveBit Side": "Lower"}
+    lines = [f"{k} : {v}\n" for k, v in header.items()]
+    (tmp_path / "f.cih").write_text("#Camera Information Header\n" + "".join(lines))
+    section = RodVideo("f.mraw", path=tmp_path / "f.mraw", frame_rate=1000.0, scale=1e-3, clock=clock)
+    with pytest.warns(StageWarning) as told, open_film(section) as film:
+        assert film.time[0] + film.exposure / 2 == pytest.approx(first)
+        assert film.time[1] - film.time[0] == pytest.approx(1e-3 if said else 1.0)
+    about = [str(w.message) for w in told if "by its header" in str(w.message)]
+    assert len(about) == said and all("1 s by its header" in w and "give [rod_video] exposure" in w for w in about)
+
+
+def encoded(path, aspect, frames):
+    """A film without loss whose pixels are `aspect` as wide as high."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264rgb", rate=100, options={"qp": "0"})
+        (stream.height, stream.width), stream.pix_fmt = frames[0].shape, "rgb24"
+        stream.codec_context.sample_aspect_ratio = aspect
+        for grey in frames:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.stack([grey] * 3, axis=-1), format="rgb24")))
+        container.mux(stream.encode())
+
+
+@pytest.mark.surprise(
+    package="av",
+    version="18.1.0",
+    behaviour="A frame comes as stored where the file says that its pixels are not square (sample aspect ratio, as of "
+    "camcorders); players stretch it.",
+    here="Frames are resampled to square pixels, with a warning that gives the ratio.",
+)
+@pytest.mark.parametrize("aspect", [Fraction(4, 3), Fraction(3, 4), Fraction(1), Fraction(1281, 1280)])
+def test_pixels_that_are_not_square_are_made_so(tmp_path, aspect):
+    """A round spot is round, and moves as far to the right as it does down."""
+    rows, columns = np.mgrid[:48, :64]
+    wide, high = float(max(aspect, 1)), float(max(1 / aspect, 1))
+
+    def spot(i):
+        x, y = (columns + 0.5) * wide - 0.5, (rows + 0.5) * high - 0.5
+        return np.rint(20 + 200 * np.exp(-((x - 20 - 3 * i) ** 2 + (y - 20 - 3 * i) ** 2) / 32)).astype(np.uint8)
+
+    encoded(tmp_path / "f.mp4", aspect, [spot(i) for i in range(5)])
+    seen = []
+    with open_frames(tmp_path / "f.mp4", seen=seen.append) as film:
+        stretched = abs(aspect - 1) > 0.1
+        assert film.shape == (round(48 * high), round(64 * wide)) == film[0].shape
+        assert [str(aspect) in w and "square" in w for w in film.warnings] == [True] * stretched
+        assert all(np.array_equal(a, b) for a, b in zip(seen, film)) and len(seen) == 5
+        for i, image in enumerate(film):
+            light = image.astype(float) - 20
+            y, x = np.indices(image.shape)
+            middle = np.array([np.sum(light * x), np.sum(light * y)]) / light.sum()
+            assert middle == pytest.approx(20 + 3 * i, abs=0.05)  # px; whole grey levels: 0.3 x 5 / 70
 
 
 # Fields --------------------------------------------------------------------------------------------------------------

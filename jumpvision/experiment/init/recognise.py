@@ -268,17 +268,17 @@ def _film(path: Path, name: str, section: str | None) -> Recording:
         known_as = section or _by_name(name, n) or ("grain_video" if alike else None)
         section = known_as or by_picture(film)
         doubled = doubled and section == "grain_video"
-        known = {k: film.meta[k] for k in ("exposure_s", "camera") if film.meta.get(k)}
+        camera = film.meta.get("camera")
         rate = 1.0 / float(np.median(np.diff(film.time))) if timed and n > 1 else None
         facts = f"{n} frames of " if n > 1 else "picture of "
         facts += f"{shape[1]} x {shape[0]} px (columns x rows)" + (f", {bits} bit" if bits else "")
         facts += f", {rate:.6g} Hz by the file" if rate else ""
-        facts += f", {known['camera']}" if "camera" in known else ""
+        facts += f", {camera}" if camera else ""
         values: dict[str, tuple[Any, str]] = {}
         if rate and section in FILMS:
             values["frame_rate"] = (float(f"{rate:.6g}"), "by the file's own time stamps")
-        if section == "rod_video" and "exposure_s" in known:
-            values["exposure"] = (float(known["exposure_s"]), "by the file")
+        if section == "rod_video" and film.exposure:
+            values["exposure"] = (film.exposure, "by the file")
         if doubled:
             values["pairs"] = ("names", "A and B of double exposures, by their names")
         said = () if doubled else film.warnings  # two things differ in their names: the number and the letter

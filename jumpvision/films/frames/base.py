@@ -103,6 +103,12 @@ class Film(ABC):
         """Frames a second, by the median of the times between them; 1 of a single frame."""
         return 1.0 / float(np.median(np.diff(self.time))) if len(self) > 1 else 1.0
 
+    @property
+    def exposure(self) -> float:
+        """Exposure of a frame by the file [s]; 0 where it does not say, or says longer than from frame to frame."""
+        said = self.meta.get("exposure_s", 0.0)
+        return said if said * self.rate <= 1.0 + 1e-6 else 0.0
+
     @abstractmethod
     def _read(self, i: int) -> Image:
         """Frame i, 0 <= i < len(self)."""

@@ -18,7 +18,7 @@ from jumpvision.base.arrays import Image
 from jumpvision.base.progress import watch
 
 from .base import FrameError
-from .decoding import checksums_hold, decode_steps, grey, open_video
+from .decoding import checksums_hold, decode_steps, grey, open_video, pixel_aspect, square
 
 if TYPE_CHECKING:
     from av.video.frame import VideoFrame
@@ -42,6 +42,7 @@ class Scan:
     place: list[int | None] = field(default_factory=list)  # of packets in the file [bytes]
     size: list[int] = field(default_factory=list)  # of packets [bytes]
     profile: str = ""  # of the codec
+    aspect: Fraction = Fraction(1)  # width over height of a pixel
     broken: set[int] = field(default_factory=set)  # packets that cannot be decoded
     hidden: int = 0  # packets that an edit list hides
     cut: bool = False  # the file ends before its container says
@@ -90,6 +91,7 @@ def _scanned(path: Path, threads: str, seen: Callable[[Image], None] | None) -> 
             rate=float(stream.average_rate or 0),
             promised=stream.frames,
             profile=str(stream.codec_context.profile or ""),
+            aspect=pixel_aspect(stream),
             cut="matroska" in container.format.name and cut(path),
             duration=(alone - (container.start_time or 0)) * 1e-6 if alone else 0.0,
         )
@@ -105,7 +107,7 @@ def _scanned(path: Path, threads: str, seen: Callable[[Image], None] | None) -> 
             for frame in frames:
                 add_frame(scan, frame)
                 if seen is not None and len(scan.kinds) == 1:
-                    seen(grey(frame))
+                    seen(square(grey(frame), scan.aspect))
                 if frame.is_corrupt:
                     corrupt.append(frame.pts)
     at = {pts: k for k, pts in enumerate(scan.pts)}

@@ -13,7 +13,7 @@ import numpy as np
 from jumpvision.base.arrays import Image
 
 from .base import Film, FrameError, Known, Truncated, clock
-from .decoding import Step, decode_steps, grey, grey_type, open_video
+from .decoding import Step, decode_steps, grey, grey_type, open_video, square, square_shape
 from .scan import scan_film, shortfall, timeline
 
 if TYPE_CHECKING:
@@ -68,6 +68,13 @@ class VideoFilm(Film):
         if scan.rotation % 360:
             warnings.append(f"{path}: asks players to turn it by {scan.rotation} degrees; the frames come as stored")
         height, width, name = next(iter(scan.kinds))
+        self._aspect = scan.aspect
+        rows, columns = square_shape((height, width), scan.aspect)
+        if (rows, columns) != (height, width):
+            warnings.append(
+                f"{path}: its pixels are {scan.aspect} as wide as high; frames of {height} x {width} become {rows} x "
+                f"{columns} square ones, as players show them: positions in stored pixels do not fit"
+            )
         n = len(self._ordinal)
         import av
 
@@ -81,7 +88,7 @@ class VideoFilm(Film):
             meta["recorded_rate_hz"] = scan.rate
         super().__init__(
             path,
-            shape=(height, width),
+            shape=(rows, columns),
             dtype=dtype,
             clock=clock(path, n, start=start, frame_rate=frame_rate, stamps=line.time, exact=line.exact),
             warnings=warnings,
@@ -118,12 +125,12 @@ class VideoFilm(Film):
         if on or (self._seekable and key > 0 and self._seek(key)):
             frame = self._forward(target)
             if frame is not None and (not self._seekable or frame.pts == self._pts[i]):
-                return grey(frame)
+                return square(grey(frame), self._aspect)
         self._restart()
         frame = self._forward(target)
         if frame is None or (self._seekable and frame.pts != self._pts[i]):
             raise FrameError(f"{self.path}: frame {i} cannot be decoded again; was the file changed? open it again")
-        return grey(frame)
+        return square(grey(frame), self._aspect)
 
     def _forward(self, target: int) -> VideoFrame | None:
         """The decoded frame of this ordinal, None beyond the end."""

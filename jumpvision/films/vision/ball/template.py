@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array, Float32, Image
 from jumpvision.films.frames.base import Frames
-from jumpvision.films.vision.resample import resampled
+from jumpvision.films.resample import resampled
 
 from .measure import Found
 from .moving import HEAD, still_scene

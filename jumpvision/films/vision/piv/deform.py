@@ -6,7 +6,7 @@ import numpy as np
 
 from jumpvision.base.arrays import Float32
 from jumpvision.base.threads import shared
-from jumpvision.films.vision.resample import LANES, read_row
+from jumpvision.films.resample import LANES, read_row
 
 from .frame import Frame
 from .surface import Drawn, line
