@@ -257,6 +257,21 @@ def test_pixels_that_are_not_square_are_made_so(tmp_path, aspect):
             assert middle == pytest.approx(20 + 3 * i, abs=0.05)  # px; whole grey levels: 0.3 x 5 / 70
 
 
+@pytest.mark.surprise(
+    package="numpy",
+    version="2.4.6",
+    behaviour="save() to an open file, again and again, appends arrays; load() of its name gives the first alone.",
+    here="A film file that holds more frames than its header counts is read as the header says, with a warning.",
+)
+def test_frames_beyond_the_header_are_told(tmp_path):
+    with (tmp_path / "f.npy").open("wb") as file:
+        np.save(file, FILM[:4])
+        np.save(file, FILM[4:])
+    with open_frames(tmp_path / "f.npy", frame_rate=10.0) as film:
+        assert np.array_equal(list(film), FILM[:4])
+        assert "holds 7 frames, its header only 4" in film.warnings[0]
+
+
 # Fields --------------------------------------------------------------------------------------------------------------
 
 

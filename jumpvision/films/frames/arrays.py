@@ -42,7 +42,8 @@ class NpyFilm(Film):
         promised, frame = stack_shape(path, shape, "the array")
         kind = native_type(dtype, path)
         nbytes = math.prod(frame) * dtype.itemsize
-        n = min(promised, (path.stat().st_size - offset) // nbytes)
+        whole = (path.stat().st_size - offset) // nbytes
+        n = min(promised, whole)
         if n < 1 or (fortran and n < promised):
             raise FrameError(f"{path}: truncated, no whole frame can be read; save it again")
         # Fortran order puts the frame number last in memory, so such an array must be whole.
@@ -52,7 +53,7 @@ class NpyFilm(Film):
             shape=(frame[0], frame[1]),
             dtype=kind,
             clock=clock(path, n, start=start, frame_rate=frame_rate),
-            warnings=lost(path, n, promised),
+            warnings=lost(path, whole, promised),
             meta={"format": "npy", "bit_depth": 8 * kind.itemsize},
         )
 

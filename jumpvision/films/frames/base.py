@@ -225,9 +225,11 @@ def differs(rate: float, stamps: NDArray[np.float64]) -> bool:
 
 
 def lost(path: Path, whole: int, promised: int) -> list[str]:
-    """The warning for a truncated film: `promised` frames by the header, `whole` of them in the file."""
-    if whole >= promised:
+    """The warning for a film of `promised` frames by its header, of which `whole` are in the file: fewer, or more."""
+    if whole == promised:
         return []
+    if whole > promised:
+        return [f"{path}: holds {whole} frames, its header only {promised}; the rest is left out"]
     missing = promised - whole
     return [
         Truncated(f"{path}: truncated; the header promises {promised} frames, {whole} are whole, {missing} are lost")
