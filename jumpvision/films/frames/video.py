@@ -19,6 +19,7 @@ from .scan import scan_film, shortfall, timeline
 if TYPE_CHECKING:
     from av.video.frame import VideoFrame
 
+SLOW = 1.5  # times faster than it plays a film is slow motion; phones keep neither rate to better than some per cent
 KEPT = 8  # images kept: neighbours are asked for again (image pairs)
 
 
@@ -79,18 +80,26 @@ class VideoFilm(Film):
         import av
 
         dtype, depth = grey_type(av.VideoFormat(name))
+        self._seekable &= not av.VideoFormat(name).has_palette  # it comes with the first packet alone
         meta: Known = {"format": scan.format, "codec": scan.codec, "pixels": name, "bit_depth": depth}
         between = [size for size, key in zip(scan.size, scan.key) if not key]
         if between and predicts(scan.codec):
             meta["bits_per_pixel"] = 8.0 * sum(between) / (len(between) * height * width)
             meta["profile"] = scan.profile
+        slower = SLOW < scan.capture / scan.rate < 1e4 if scan.rate > 0 else False
+        if slower:
+            warnings.append(
+                f"{path}: recorded at {scan.capture:g} Hz by the phone's note, plays at {scan.rate:g} Hz: timed as "
+                "recorded (if that is wrong: clock = 'declared' with frame_rate)"
+            )
         if scan.rate > 0:
-            meta["recorded_rate_hz"] = scan.rate
+            meta["recorded_rate_hz"] = scan.capture if slower else scan.rate
+        time = line.time * (scan.rate / scan.capture) if slower else line.time
         super().__init__(
             path,
             shape=(rows, columns),
             dtype=dtype,
-            clock=clock(path, n, start=start, frame_rate=frame_rate, stamps=line.time, exact=line.exact),
+            clock=clock(path, n, start=start, frame_rate=frame_rate, stamps=time, exact=line.exact),
             warnings=warnings,
             meta=meta,
         )
