@@ -6,6 +6,9 @@ import av
 import numpy as np
 import pytest
 
+from jumpvision.base.schema import InputError
+from jumpvision.experiment.inputs.logs import read_log
+from jumpvision.experiment.inputs.sections import RodTrack
 from jumpvision.films import open_frames
 from jumpvision.films.vision.interlaced import is_interlaced
 
@@ -59,3 +62,96 @@ def test_the_raw_film_of_a_colour_camera_is_named(tmp_path, first):
         with open_frames(tmp_path / f"{name}.npy", frame_rate=100.0) as opened:
             assert ["mosaic (Bayer)" in w for w in opened.warnings] == [True] * (name == "raw")
             assert not is_interlaced(opened)
+
+
+LOG = {"time_s": np.arange(5) / 100.0, "height_m": np.array([0.0, 0.01, 0.031, 0.02, 0.0])}
+
+
+def table(path, names, values):
+    np.savetxt(path, np.column_stack([*values]), delimiter=",", header=",".join(names), comments="", fmt="%.6f")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("names", "units"),
+    [
+        (("Time (s)", "Position (cm)"), (1.0, 100.0)),
+        (("Time (ms)", "Position (m)"), (1e3, 1.0)),
+        (("Time [ms]", "Position (end) [mm]"), (1e3, 1e3)),
+        (("Time( ms )", "Load cell (left) (mm)"), (1e3, 1e3)),
+    ],
+)
+def test_units_in_round_brackets_are_units(tmp_path, names, units):
+    """As phyphox, Capstone, Logger Pro and testing machines write them."""
+    file = table(tmp_path / "log.csv", names, [v * u for v, u in zip(LOG.values(), units)])
+    section = RodTrack("log.csv", path=file, columns=dict(zip(LOG, names)))
+    log = read_log(section, *LOG)
+    for column, true in LOG.items():
+        assert log[column].to_numpy() == pytest.approx(true)
+
+
+@pytest.mark.parametrize("word", ["filtered", "2", "Trigger", "V"])
+def test_a_word_in_round_brackets_may_be_no_unit(tmp_path, word):
+    """A unit of another dimension is refused; the true one may stand in square brackets behind."""
+    names = ("t (s)", f"Position ({word})")
+    file = table(tmp_path / "log.csv", names, LOG.values())
+
+    def height(name):
+        return read_log(RodTrack("log.csv", path=file, columns={"time_s": "t (s)", "height_m": name}), *LOG).height_m
+
+    assert height(f"{names[1]} [cm]").to_numpy() == pytest.approx(0.01 * LOG["height_m"])
+    if word == "V":
+        with pytest.raises(InputError, match=r"Position \(V\) is in 'V'.*columns.height_m = 'Position \(V\) \[m\]'"):
+            height(names[1])
+    else:
+        assert height(names[1]).to_numpy() == pytest.approx(LOG["height_m"])
+
+
+@pytest.mark.surprise(
+    package="npTDMS",
+    version="1.13.0",
+    behaviour="Values whose scale is of a kind that it does not know come raw, with a line in Python's log alone.",
+    here="The channel is refused, with the kind of its scale and the remedy.",
+)
+@pytest.mark.parametrize("where", ["channel", "group", "file"])
+def test_raw_values_of_an_unknown_tdms_scale_are_refused(tmp_path, where):
+    nptdms = pytest.importorskip("nptdms")
+    known = {"NI_Scale[0]_Linear_Slope": 50.0, "NI_Scale[0]_Linear_Y_Intercept": 0.0}
+    known["NI_Scale[0]_Linear_Input_Source"] = 0xFFFFFFFF
+    for kind, status, refused in [("Linear", "unscaled", 0), ("Bridge", "unscaled", 1), ("Bridge", "scaled", 0)]:
+        scale = {"NI_Number_Of_Scales": 1, "NI_Scale[0]_Scale_Type": kind, "NI_Scaling_Status": status, **known}
+        at = {k: scale if k == where else {} for k in ("channel", "group", "file")}
+        with nptdms.TdmsWriter(tmp_path / "log.tdms") as out:
+            out.write_segment(
+                [
+                    nptdms.RootObject(at["file"]),
+                    nptdms.GroupObject("Log", at["group"]),
+                    nptdms.ChannelObject("Log", "time_s", LOG["time_s"]),
+                    nptdms.ChannelObject("Log", "height_m", LOG["height_m"] / 50.0, at["channel"]),
+                ]
+            )
+        if refused:
+            with pytest.raises(InputError, match=r"scale of kind Bridge.*save scaled values"):
+                read_log(tmp_path / "log.tdms", "height_m", ordered=False)
+        else:
+            slope = 50.0 if status == "unscaled" else 1.0
+            found = read_log(tmp_path / "log.tdms", "height_m", ordered=False).height_m.to_numpy()
+            assert found == pytest.approx(LOG["height_m"] / 50.0 * slope)
+
+
+@pytest.mark.parametrize("first", ["", "#multi:\n"])
+def test_of_two_masses_of_tracker_one_is_named(tmp_path, first):
+    """The rows that the arm leaves empty are its own."""
+    arm = ["0.3\t0.02", "\t", "0.3\t0.01", "0.3\t0.03", "0.3\t0.02"]
+    rows = [f"{t:.6E}\t0.1\t{y:.6E}\t{a}" for t, y, a in zip(*LOG.values(), arm)]
+    file = tmp_path / "rod_track.csv"
+    file.write_text(first + "\tmass A\t\tmass B\t\nt\tx\ty\tx\ty\n" + "\n".join(rows) + "\n")
+
+    def height(name):
+        section = RodTrack(file.name, path=file, columns={"time_s": "t", "height_m": name})
+        return read_log(section, *LOG).height_m.to_numpy()
+
+    assert height("mass A/y") == pytest.approx(LOG["height_m"])
+    assert height("mass B/y") == pytest.approx([0.02, 0.01, 0.03, 0.02])
+    with pytest.raises(InputError, match=r"height_m = 'y' missing.*mass A/y.*mass B/y"):
+        height("y")
