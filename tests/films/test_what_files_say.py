@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from jumpvision.base.schema import InputError
+from jumpvision.experiment.init.recognise import recognised
 from jumpvision.experiment.inputs.logs import read_log
 from jumpvision.experiment.inputs.sections import RodTrack
 from jumpvision.films import open_frames
@@ -153,5 +154,7 @@ def test_of_two_masses_of_tracker_one_is_named(tmp_path, first):
 
     assert height("mass A/y") == pytest.approx(LOG["height_m"])
     assert height("mass B/y") == pytest.approx([0.02, 0.01, 0.03, 0.02])
+    found = recognised(tmp_path, file.name, None)
+    assert found.values["columns"][0]["height_m"] == "mass A/y" and "or mass B/y?" in found.notes[0]
     with pytest.raises(InputError, match=r"height_m = 'y' missing.*mass A/y.*mass B/y"):
         height("y")

@@ -15,7 +15,7 @@ from jumpvision.base.arrays import Image
 from jumpvision.base.schema import InputError, StageWarning
 from jumpvision.experiment.inputs.channels import READERS as CHANNELS
 from jumpvision.experiment.inputs.held import Channel
-from jumpvision.experiment.inputs.tracker import is_tracker
+from jumpvision.experiment.inputs.tracker import is_tracker, tracker
 from jumpvision.films.frames import Film, FrameError, open_frames
 from jumpvision.films.frames.opening import READERS
 from jumpvision.films.frames.pictures import SUFFIXES, ImageFilm
@@ -132,8 +132,10 @@ def recognised(folder: Path, name: str, section: str | None) -> Recording:
     """What one of the candidates is. InputError or FrameError where it cannot be used."""
     path, suffix = folder / name, Path(name).suffix.lower()
     if path.is_file() and _is_track(path):
-        columns = ({"time_s": "t", "height_m": "y"}, "t and y of Tracker, its lengths in metres")
-        return Recording("rod_track", name, "a table of Tracker", {"columns": columns})
+        heights = [n for n in tracker(path, ()).names if n.rpartition("/")[2] == "y"]
+        columns = ({"time_s": "t", "height_m": heights[0]}, "t and y of Tracker, its lengths in metres")
+        several = (f"several masses: is {heights[0]} the one, or {' or '.join(heights[1:])}?",) if heights[1:] else ()
+        return Recording("rod_track", name, "a table of Tracker", {"columns": columns}, several)
     if suffix == ".csv":
         return _table(path, name)
     if suffix in CHANNELS and (suffix not in FIELDS or not _is_field(path)):
