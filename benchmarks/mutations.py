@@ -362,7 +362,7 @@ FAULTS = (
         "design.py",
         "float(np.mean(log[k] - np.logaddexp.reduce(mixed, axis=0))) / math.log(2)",
         "float(np.mean(log[k] - np.logaddexp.reduce(mixed, axis=0))) / math.log(10)",
-        "test_next_experiment.py",
+        "test_worth.py",
         "bits or log_odds_of_two or mimic",
     ),
     Fault(
@@ -576,7 +576,7 @@ FAULTS = (
         "comparison.py",
         "(height(*high) - height(*low)) * share for name, low, high, share",
         "(height(*high) - height(*low)) for name, low, high, share",
-        "test_hard_compare.py",
+        "test_compare.py",
     ),
     Fault(
         "a line under the film keeps its lowest points alone",
@@ -652,7 +652,7 @@ FAULTS = (
         "mean.py",
         "u = np.sqrt(np.bincount(at, w**2 * (s**2 + scatter[at] ** 2)))",
         "u = np.sqrt(np.bincount(at, w**2 * s**2))",
-        "test_hard_compare.py",
+        "test_compare.py",
         "uniform or repeats or beforehand",
     ),
     Fault(
@@ -736,7 +736,7 @@ FAULTS = (
         "isolable.py",
         "LEVEL / (4.0 * max(len(causes), 1))",
         "LEVEL / (2.0 * max(len(causes), 1))",
-        "test_isolable.py",
+        "test_worth.py",
         "least_squares",
     ),
     Fault(

@@ -30,12 +30,12 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 import jumpvision as jv
-from tests.worlds import axis
-from tests.worlds.axis import cause
-from tests.worlds.bodies import balls as real_balls
 from tests.worlds.bodies import drops
 
 from .causes import machines
+from .worlds import axis
+from .worlds.axis import cause
+from .worlds.dropped_balls import balls as real_balls
 
 Array = NDArray[np.float64]
 Predict = Callable[[jv.Recording], Array]

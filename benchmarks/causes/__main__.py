@@ -18,10 +18,10 @@ import numpy as np
 from scipy.stats import binomtest
 
 import jumpvision as jv
-from tests.worlds import faults, hidden, laboratories, laws
+from tests.worlds import faults, hidden, laboratories
 from tests.worlds.jumps import Task, diagnose_jumps, jumps_of
 
-from . import machines
+from . import laws, machines
 from .judge import Fault, Hidden, Row, fault_of, judge, row_of
 
 CAMPAIGNS = {  # and how many a seed has

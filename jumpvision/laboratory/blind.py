@@ -21,7 +21,7 @@ from .jumper import OUTSIDE, STATIC, UNLOGGED, Robot
 from .protocol import Jump, MotorLog, Protocol, Records, RodTrack, jumps_of
 from .recordings import Errors
 
-DT, EVERY = 1e-5, 50  # s: rod within 0.01 mm of dt = 1e-6, a fifth of the smallest noise (tests/test_lab_blind.py)
+DT, EVERY = 1e-5, 50  # s: rod within 0.01 mm of dt = 1e-6, a fifth of the smallest noise (test_lab_blind.py)
 EITHER = True  # of both signs
 
 

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import xml.etree.ElementTree as ET
 import zipfile
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +15,7 @@ from jumpvision.engine.fitting import Problem
 from jumpvision.engine.noise.noise import Noise, Stretch, coefficients, estimate, spread_of
 from jumpvision.engine.order import Findings, Order
 from jumpvision.engine.system import Candidate, Observation, Parameter
-from tests.worlds.particle import LAW, SENSOR, Body, quiet
+from tests.worlds.particle import Body, quiet
 
 Array = NDArray[np.float64]
 
@@ -117,31 +115,6 @@ def pendulum(t: Array, y: Array, pieces: int, step: float) -> Body:
 DRAG = ("quadratic_drag", "viscous_drag")
 
 
-def dry_pendulum(rng: np.random.Generator, step: float = 2 * np.pi / 40000) -> tuple[Array, Array]:
-    """(t, angle) of a pendulum with dry friction 0.16 s^-2 and W = 65 s^-2 by scipy, rounded as the encoder."""
-    from scipy.integrate import solve_ivp
-
-    def turn(t: float, s: Array) -> float:
-        return float(s[1])
-
-    turn.terminal = True  # type: ignore[attr-defined]
-    t, out = np.arange(0.0, 5.4, 0.01), np.full(540, np.nan)
-    at, s, sign = 0.0, np.array([-0.066, 1e-9]), 1.0
-    while at < t[-1]:
-        run = solve_ivp(
-            lambda _, s, sign=sign: [s[1], -65.0 * np.sin(s[0]) - 0.16 * sign], (at, t[-1]), s, events=turn,
-            rtol=1e-10, atol=1e-12, dense_output=True,
-        )  # fmt: skip
-        here = (t >= at) & (t <= run.t[-1])
-        out[here] = run.sol(t[here])[0]
-        at, s, sign = float(run.t[-1]), np.array([run.y[0, -1], -1e-9 * sign]), -sign
-        if abs(65.0 * np.sin(s[0])) <= 0.16:
-            out[t > at] = s[0]
-            break
-    out += 0.3 * step * rng.standard_normal(out.size)
-    return t, np.round(out / step) * step
-
-
 def questioned(body: Body, scatter: dict[str, float] | None = None) -> Findings:
     return Order(Problem(body, body.noise, scatter), np.random.default_rng(1)).all()
 
@@ -160,82 +133,3 @@ def own_share(body: Body) -> float:
     scaled = problem.fit(("camera_scale",))
     assert scaled is not None
     return directions(problem, scaled, ["quadratic_drag"])[0].kept
-
-
-# ---------------------------------------------------------------------- eleven real balls, two drops each, as one model
-AIR = 1.2  # kg/m^3
-OUNCE = 0.0283495  # kg
-ROWS = {  # as the workbook calls them -> as balls.txt does
-    "Baseball": "baseball", "Blue Basketball": "bluebasketball", "Green Basketball": "greenbasketball",
-    "Volleyball": "volleyball", "Bowling Ball": "bowlingball", "Golf Ball": "golfball", "Tennis Ball": "tennisball",
-    "Whiffle Ball 1": "wiffleball1", "Whiffle Ball 2": "wiffleball2", "Yellow Whiffle Ball": "yellowWiffle",
-    "Orange Whiffle Ball": "orangeWiffle",
-}  # fmt: skip
-VOLLEYBALL = (9.5, 66.0)  # oz, cm: the middle of what its rules allow; the file has question marks
-PRIOR = 0.02  # of the common scale
-
-
-@dataclass(frozen=True)
-class Ball:
-    """mass [kg], radius [m]; holes: whether the shell has holes."""
-
-    mass: float
-    radius: float
-    holes: bool
-
-    @property
-    def terms(self) -> Array:
-        """rho A / (2 m) [1/m], r/m [m/kg], weight of the displaced air over the ball's."""
-        area, volume = math.pi * self.radius**2, 4.0 / 3.0 * math.pi * self.radius**3
-        return np.array([0.5 * AIR * area, self.radius, AIR * volume]) / self.mass
-
-
-def balls(folder: Path) -> dict[str, Ball]:
-    """Every ball by the workbook's name."""
-    rows = [line.split() for line in (folder / "balls.txt").read_text().splitlines()[1:] if line.strip()]
-    given = {r[0]: VOLLEYBALL if "?" in r[1] else (float(r[1]), float(r[2])) for r in rows}
-    return {
-        name: Ball(given[row][0] * OUNCE, 0.01 * given[row][1] / (2 * math.pi), "iffle" in row)
-        for name, row in ROWS.items()
-    }
-
-
-class Balls(Body):
-    """Falls of many balls with one set of parameters. each: the ball of every observation."""
-
-    each: Sequence[Ball]
-
-    def predict(self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]) -> list[Array]:
-        return [self._best(i, self.law(i, values), values.get("scale", SENSOR["scale"])) for i in which]
-
-    def law(self, i: int, values: Mapping[str, float]) -> Array:
-        """Numbers of LAW for an observation."""
-        b = self.each[i]
-        drag, slow, lift = b.terms
-        c = values.get("c_D", 0.0) + (values.get("holes", 0.0) if b.holes else 0.0)
-        numbers = {"gravity": GRAVITY * (1.0 - values.get("displaced", 0.0) * lift), "quadratic": drag * c}
-        return np.array([(numbers | {"viscous": slow * values.get("linear", 0.0)}).get(n, 0.0) for n in LAW])
-
-
-def together(tracks: Mapping[str, list[tuple[Array, Array]]], each: Mapping[str, Ball], noise: Noise) -> Balls:
-    """All drops as one system; free fall is questioned, its heights in a scale that is known to PRIOR."""
-    seen, of = [], []
-    for name, found in tracks.items():
-        for k, (t, y) in enumerate(found, 1):
-            seen.append(Observation(f"{name} {k}", t, y, name, name, labels={"kind": name}))
-            of.append(each[name])
-    scale = Parameter("scale", 1.0, 0.7, 1.4, 0.02, PRIOR)
-    vocabulary = {
-        "drag": Candidate((Parameter("c_D", 0.0, 0.0, 2.0, 0.05),)),
-        "drag_of_holes": Candidate((Parameter("holes", 0.0, -1.0, 2.0, 0.05),)),
-        "linear_drag": Candidate((Parameter("linear", 0.0, 0.0, 10.0, 0.1, unit="kg/(m s)"),)),
-        "buoyancy": Candidate((Parameter("displaced", 0.0, 0.0, 2.0, 0.2),)),
-    }
-    out = Balls(seen, noise, {}, (scale,), vocabulary, wander=("scale",))
-    out.each = of
-    return out
-
-
-def diagnose_balls(system: Balls, scatter: float) -> Findings:
-    """By the engine; the conditions are the balls: a gain is on balls that were not fitted."""
-    return Order(Problem(system, system.noise, {"scale": scatter}), np.random.default_rng(1), by=("kind",)).all()

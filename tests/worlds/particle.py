@@ -1,12 +1,10 @@
-"""A body in one dimension as a system that can be questioned: a falling ball, a swinging pendulum, a driven axis.
+"""A body in one dimension as a system that can be questioned: a falling ball, a swinging pendulum.
 
-    x'' = -g - W sin(x) - c v - q |v| v - f u + b F(t)
+    x'' = -g - W sin(x) - c v - q |v| v - f u
 
 g: gravity [unit of x / s^2]; W: stiffness (g over the reduced length) [1/s^2]; c: viscous, q: quadratic drag; f: dry
 friction, u = sign(v), set-valued at rest; with presliding (Dahl 1968) u relaxes to sign(v) over the distance delta
-after a reversal; F: a force or torque that was logged, straight between its samples, and b one over the mass or the
-moment of inertia [unit of x / s^2 per unit of F]. A record shows y = scale x + level; a clock's offset is a part of the
-start.
+after a reversal. A record shows y = scale x + level; a clock's offset is a part of the start.
 
 Where a body starts differs from record to record and is no part of the model: speed, level and (where a force depends
 on x) position at the start are fitted to each record for every prediction, held-out ones included.
@@ -26,8 +24,7 @@ from jumpvision.engine.noise.noise import Noise, Stretch, powers, whiten
 from jumpvision.engine.system import Candidate, Observation, Parameter
 from jumpvision.estimate.decay import resistance
 
-LAW = ("gravity", "stiffness", "viscous", "quadratic", "coulomb", "presliding", "drive")
-UNDRIVEN = np.empty((2, 0))
+LAW = ("gravity", "stiffness", "viscous", "quadratic", "coulomb", "presliding")
 SENSOR = {"scale": 1.0}  # value at which each does nothing
 MOST_STEPS = 100_000  # between two frames, reversals counted
 LONGEST = 2e-3  # s, of a step of a body with a restoring force
@@ -35,40 +32,25 @@ WANDER = 1e-4  # step of a derivative by what wanders
 
 
 @njit(cache=True, error_model="numpy")
-def pushed(t: float, drive: Array, p: Array) -> float:
-    """b F at a time; the first and the last sample of the log hold beyond its ends."""
-    n = drive.shape[1]
-    if n == 0:
-        return 0.0
-    i = min(max(np.searchsorted(drive[0], t), 1), n - 1) if n > 1 else 0
-    if n == 1 or t <= drive[0, 0] or t >= drive[0, n - 1]:
-        return p[6] * (drive[1, 0] if t <= drive[0, 0] else drive[1, n - 1])
-    share = (t - drive[0, i - 1]) / (drive[0, i] - drive[0, i - 1])
-    return p[6] * (drive[1, i - 1] + share * (drive[1, i] - drive[1, i - 1]))
-
-
-@njit(cache=True, error_model="numpy")
-def acceleration(x: float, v: float, s: float, x_turn: float, u_turn: float, push: float, p: Array) -> float:
+def acceleration(x: float, v: float, s: float, x_turn: float, u_turn: float, p: Array) -> float:
     """x'' with the sign of motion s since the last reversal at x_turn, where dry friction was u_turn of its limit."""
     u = s
     if p[5] > 0.0:
         u = s + (u_turn - s) * math.exp(-abs(x - x_turn) / p[5])
-    return push - p[0] - p[1] * math.sin(x) - resistance(v, u, p[2], p[3], p[4])
+    return -p[0] - p[1] * math.sin(x) - resistance(v, u, p[2], p[3], p[4])
 
 
 @njit(cache=True, error_model="numpy")
-def path(x: float, v: float, times: Array, p: Array, longest: float, drive: Array) -> Array:
+def path(x: float, v: float, times: Array, p: Array, longest: float) -> Array:
     """x at the times (n,) [s] from x, v at the first: Runge-Kutta's fourth order between exact reversals of v.
 
-    drive: (2, m), times [s], increasing, and what was logged then; UNDRIVEN where nothing drives. A body that dry
-    friction holds goes on when the drive overcomes it. A body whose reversals follow each other at once trembles
-    within its presliding: it rests until the next time. NaN from where more than MOST_STEPS would be needed between two
-    times, or x is no number any more.
+    A body whose reversals follow each other at once trembles within its presliding: it rests until the next time. NaN
+    from where more than MOST_STEPS would be needed between two times, or x is no number any more.
     """
     out = np.full(times.size, np.nan)
     out[0] = x
     s = 1.0 if v > 0.0 else -1.0
-    pull = pushed(times[0], drive, p) - p[0] - p[1] * math.sin(x)
+    pull = -p[0] - p[1] * math.sin(x)
     if v == 0.0:
         s = -1.0 if pull < 0.0 else 1.0
     x_turn, u_turn, held = x, s, False
@@ -84,23 +66,15 @@ def path(x: float, v: float, times: Array, p: Array, longest: float, drive: Arra
             steps += 1
             if steps > MOST_STEPS or not abs(x) + abs(v) < math.inf:
                 return out
-            h, t = min(step, left), times[i] - left
             if held:
-                if drive.shape[1] == 0:
-                    break
-                pull = pushed(t + h, drive, p) - p[0] - p[1] * math.sin(x)
-                if abs(pull) <= p[4]:
-                    left -= h
-                    continue
-                held, s = False, math.copysign(1.0, pull)
-                left -= _released(x, s, t, h, drive, p)
-                continue
-            x1, v1 = _step(x, v, t, h, s, x_turn, u_turn, drive, p)
+                break
+            h = min(step, left)
+            x1, v1 = _step(x, v, h, s, x_turn, u_turn, p)
             if v1 * s < 0.0:  # a reversal: the moment by the regula falsi on v, then on with the other sign
                 low, high, v_low, v_high = 0.0, h, v, v1
                 for _ in range(40):
                     h = low - v_low * (high - low) / (v_high - v_low)
-                    x1, v1 = _step(x, v, t, h, s, x_turn, u_turn, drive, p)
+                    x1, v1 = _step(x, v, h, s, x_turn, u_turn, p)
                     if abs(v1) < 1e-13 or high - low < 1e-15:
                         break
                     if v1 * s > 0.0:
@@ -110,7 +84,7 @@ def path(x: float, v: float, times: Array, p: Array, longest: float, drive: Arra
                 v1 = 0.0
                 if p[5] > 0.0:
                     u_turn = s + (u_turn - s) * math.exp(-abs(x1 - x_turn) / p[5])
-                elif abs(pushed(t + h, drive, p) - p[0] - p[1] * math.sin(x1)) <= p[4]:
+                elif abs(p[0] + p[1] * math.sin(x1)) <= p[4]:
                     held = True
                 x_turn, s = x1, -s
                 turns = turns + 1 if h < 1e-6 * step else 0  # a reversal at once
@@ -121,30 +95,14 @@ def path(x: float, v: float, times: Array, p: Array, longest: float, drive: Arra
 
 
 @njit(cache=True, error_model="numpy")
-def _released(x: float, s: float, t: float, h: float, drive: Array, p: Array) -> float:
-    """Time after t, within h, when what drives a body at rest overcomes dry friction, by bisection."""
-    low, high = 0.0, h
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        if s * (pushed(t + middle, drive, p) - p[0] - p[1] * math.sin(x)) > p[4]:
-            high = middle
-        else:
-            low = middle
-    return low
-
-
-@njit(cache=True, error_model="numpy")
-def _step(
-    x: float, v: float, t: float, h: float, s: float, x_turn: float, u_turn: float, drive: Array, p: Array
-) -> tuple[float, float]:
-    first, half, last = pushed(t, drive, p), pushed(t + 0.5 * h, drive, p), pushed(t + h, drive, p)
-    a = acceleration(x, v, s, x_turn, u_turn, first, p)
+def _step(x: float, v: float, h: float, s: float, x_turn: float, u_turn: float, p: Array) -> tuple[float, float]:
+    a = acceleration(x, v, s, x_turn, u_turn, p)
     v2 = v + 0.5 * h * a
-    b = acceleration(x + 0.5 * h * v, v2, s, x_turn, u_turn, half, p)
+    b = acceleration(x + 0.5 * h * v, v2, s, x_turn, u_turn, p)
     v3 = v + 0.5 * h * b
-    c = acceleration(x + 0.5 * h * v2, v3, s, x_turn, u_turn, half, p)
+    c = acceleration(x + 0.5 * h * v2, v3, s, x_turn, u_turn, p)
     v4 = v + h * c
-    d = acceleration(x + h * v3, v4, s, x_turn, u_turn, last, p)
+    d = acceleration(x + h * v3, v4, s, x_turn, u_turn, p)
     return x + h * (v + 2.0 * v2 + 2.0 * v3 + v4) / 6.0, v + h * (a + 2.0 * b + 2.0 * c + d) / 6.0
 
 
@@ -153,8 +111,7 @@ class Body:
     """System of records of one body. given: values of LAW that are not fitted; noise: of the records, from `quiet`.
 
     baseline, candidates: parameters by the names of LAW and SENSOR. wander: what of SENSOR differs from record
-    to record (`scatter`). drives: of each record (2, m), times [s] and the force or torque logged then, of the
-    coefficient "drive"; () where nothing drives.
+    to record (`scatter`).
     """
 
     observations: Sequence[Observation]
@@ -164,14 +121,10 @@ class Body:
     candidates: Mapping[str, Candidate]
     wander: tuple[str, ...] = ()  # what of SENSOR differs from record to record
     starts: list[Array] = field(default_factory=list)
-    drives: Sequence[Array] = ()
 
     def __post_init__(self) -> None:
         names = {*self.given, *(p.name for p in self.baseline)}
         self.swings = "stiffness" in names
-        self.drives = [_checked(d, i) for i, d in enumerate(self.drives)] or [UNDRIVEN] * len(self.observations)
-        if len(self.drives) != len(self.observations):
-            raise ValueError(f"drives: {len(self.drives)} for {len(self.observations)} records: must be one a record")
         if not self.starts:
             self.starts = [self._guess(o) for o in self.observations]
             self._follow_all({**self.given, **{q.name: q.start for q in self.baseline}})
@@ -185,7 +138,7 @@ class Body:
         """ValueError where a record cannot be followed with the values that a fit begins with."""
         p = np.array([values.get(n, 0.0) for n in LAW])
         for i, o in enumerate(self.observations):
-            x = path(*self._first(self.starts[i]), o.t, p, self.longest, self.drives[i])
+            x = path(*self._first(self.starts[i]), o.t, p, self.longest)
             if not np.all(np.isfinite(x)):
                 law = ", ".join(f"{n} = {v:g}" for n, v in zip(LAW, p, strict=True))
                 raise ValueError(
@@ -200,7 +153,7 @@ class Body:
     @property
     def longest(self) -> float:
         """Longest step [s]."""
-        return LONGEST if self.swings or self.drives[0].size else math.inf
+        return LONGEST if self.swings else math.inf
 
     def predict(self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]) -> list[Array]:
         """y of these records from the starts that suit them best; NaN where there is no motion."""
@@ -213,7 +166,7 @@ class Body:
         o, start = self.observations[i], self.starts[i]
 
         def shown(start: Array) -> Array:
-            return scale * path(*self._first(start), o.t, p, self.longest, self.drives[i])
+            return scale * path(*self._first(start), o.t, p, self.longest)
 
         weights = self.noise.weights(o.t, o.spread)
 
@@ -257,16 +210,6 @@ class Body:
             moved = {**values, name: values.get(name, SENSOR[name]) + WANDER}
             out[name] = [(b - a) / WANDER for a, b in zip(at, self.predict(mechanisms, moved, which))]
         return out
-
-
-def _checked(drive: Array, i: int) -> Array:
-    """A drive (2, m) with times that increase and numbers alone."""
-    out = np.ascontiguousarray(drive, dtype=np.float64)
-    if out.ndim != 2 or out.shape[0] != 2 or not out.shape[1]:
-        raise ValueError(f"drives[{i}] has shape {out.shape}: must be (2, m), times in s and what was logged then")
-    if not np.isfinite(out).all() or np.any(np.diff(out[0]) <= 0.0):
-        raise ValueError(f"drives[{i}]: times must increase and all be numbers; leave out what was not logged")
-    return out
 
 
 def quiet(tracks: Sequence[tuple[Array, Array]], window: float, degree: int) -> list[Stretch]:

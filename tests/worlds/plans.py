@@ -9,10 +9,8 @@ from jumpvision.jumper.physics.model import Model
 from jumpvision.jumper.planning.jumper import Drive
 from jumpvision.jumper.planning.transcription import Limits
 
-ROBOT = {
-    "motor_mass": 1.125, "rod_mass": 0.175, "foot_mass": 0.04, "spring_stiffness": 3300.0, "spring_damping": 1.2,
-    "gravity": 9.81, "foot_radius": 0.0381, "volume_fraction": 0.57, "grain_density": 1000.0,
-}  # fmt: skip
+from .sand import ROBOT
+
 P = ModelParameters(k1=2100.0, k2=2100.0, delta=0.01, C=2.7, mu=2.0, theta=math.pi / 3, b=17.2)
 SAND = Model("granular", ("two_resistance", "depth_drag", "added_mass"), P, **ROBOT)
 LOOP, LIMITS = Drive(20000.0, 120.0), Limits(max_force=100.0, max_speed=3.0, stroke=0.05)

@@ -1,0 +1,1 @@
+"""Real machines that benchmarks measure by."""
