@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
 from jumpvision.films.vision.piv.engine import piv_pair
-from tests.test_piv import FIELDS, SETTINGS, camera, grains, spots
+from tests.worlds.grain_pictures import FIELDS, SETTINGS, camera, grains, spots
 
 Array = NDArray[np.float64]
 Field = tuple[Array, Array, Array, Array]  # x (nx,), y (ny,), u, v (ny, nx); mid-time, y down

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from benchmarks.piv import Array, Truth
 from jumpvision.films.vision.piv.engine import piv_pair
 from jumpvision.films.vision.piv.pair import MEASURED
-from tests.test_piv import FIELDS, SETTINGS, camera, grains, spots
+from tests.worlds.grain_pictures import FIELDS, SETTINGS, camera, grains, spots
 
 SHAPE = (256, 328)
 NOISES = (0, 2, 6)

@@ -23,7 +23,7 @@ import numpy as np
 
 from benchmarks.piv import Array, Truth, against, fast, left_over, openpiv, ours, untold
 from jumpvision.base.threads import at_most
-from tests.test_piv import camera, grains
+from tests.worlds.grain_pictures import camera, grains
 
 SHAPE, SMALL = (1024, 1280), ((256, 320), (128, 160), (80, 96))  # px; the smaller are middles of the first
 TURNS = 3

@@ -4,8 +4,8 @@ import os
 
 import numpy as np
 import pytest
-from conftest import later
 from scipy.ndimage import gaussian_filter
+from shared import later
 
 from jumpvision.films.vision.ball.search import quantile
 from jumpvision.films.vision.ball.track import BallTrack, track_ball

@@ -56,14 +56,14 @@ CODED_OFF = Calibrated(
     0.09,
     "px, rms error of a displacement where a codec has few bits a pixel: drawn particles of 3 px and grains, moved by "
     "0.1 and 0.5 px, films of 9 to 41 frames, H.264 (x264, crf 12 to 28, bits 0.01 to 1) and MPEG-4",
-    "tests/test_compression.py",
+    "tests/films/test_compression.py",
     "2026-11-26",
     "vision.compression: added to sigma of vectors",
 )
 CODED_BITS = Calibrated(
     0.1,
     "bits a pixel of the frames between key frames by which that error has halved, whatever the film's length",
-    "tests/test_compression.py",
+    "tests/films/test_compression.py",
     "2026-11-26",
     "vision.compression",
 )
@@ -71,7 +71,7 @@ OLD_CODEC = Calibrated(
     3.0,
     "times as many bits that a codec older than H.264, or H.264's plain profile, needs for the same (MPEG-4; x264 "
     "ultrafast, whose error is still up to three times larger)",
-    "tests/test_compression.py",
+    "tests/films/test_compression.py",
     "2026-11-26",
     "vision.compression",
 )
@@ -215,7 +215,7 @@ LEAST_WHITE = Calibrated(
 FACE_OF_FOOT = Calibrated(
     0.5,
     "px: grains do not reach right up to the face; 0.44 rms of nine films of discs under a foot",
-    "tests/test_foot.py",
+    "tests/films/test_foot.py",
     "2026-11-21",
     "foot_face.track_foot: sigma of the face's place on the body where only the edge in frame 0 shows it",
 )
@@ -226,7 +226,7 @@ GRAINS_AT_FACE: Calibrated[tuple[tuple[float, float], tuple[float, float], float
     "nothing where the face cuts grains, 0.3 to 0.4 where round grains of 4 px touch it, which cover 0.55 of the first "
     "row below it and 0.9 of the next; what such a model leaves, of the scatter: eight grain films (seeds 7000-7007), "
     "four of discs (41, 43)",
-    "tests/test_foot.py",
+    "tests/films/test_foot.py",
     "2026-11-27",
     "foot_face.place: the face and its sigma",
 )
@@ -249,14 +249,14 @@ FACE_READ = Calibrated(
 CLIPPED_EDGE = Calibrated(
     0.14,
     "of the shift of a saturated edge: how much its unknown shape moves it; drawn pictures, which are not recorded",
-    "tests/test_surface.py",
+    "tests/films/test_surface.py",
     "2026-11-21",
     "light.clipped_shift: sigma that all columns share",
 )
 VISIBLE_GLOW = Calibrated(
     2.2,
     "chi2 without over with glow: up to 2.1 for textured grains without glow, above 2.2 with it; pictures not recorded",
-    "tests/test_surface.py",
+    "tests/films/test_surface.py",
     "2026-11-21",
     "light.glow_shift: whether a glow is taken out",
 )
@@ -264,7 +264,7 @@ EDGE_OF_BED = Calibrated(
     0.025,
     "px by which all columns of one picture may be off together: light through the topmost grains; what set it is not "
     "recorded",
-    "tests/test_surface.py",
+    "tests/films/test_surface.py",
     "2026-11-21",
     "stage bed: sigma of a change of height",
 )

@@ -14,9 +14,6 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from test_bed import FLOOR, side_view
-from test_crater import write_line
-from test_vectors import folder_of, made
 
 from jumpvision.base.schema import InputError
 from jumpvision.cli import main
@@ -60,7 +57,9 @@ from jumpvision.films.calibration import CLICKED_MARK
 from jumpvision.films.parameters import BedParams
 from jumpvision.films.vision.camera import camera
 from jumpvision.laboratory import write
+from tests.worlds.bed_pictures import FLOOR, side_view, write_line
 from tests.worlds.small import make
+from tests.worlds.vector_files import folder_of, made
 
 SHAPE = (600, 200)  # rows, columns [px]
 FILM = RodVideo(file="rod.avi", scale=5e-4, ball_diameter=0.0095)

@@ -8,7 +8,6 @@ from datetime import UTC, datetime
 import av
 import numpy as np
 import pytest
-from test_frames_raw import grey_film, write_cine, write_mraw, write_seq
 
 from jumpvision.base.schema import InputError
 from jumpvision.engine.study.study import Recording
@@ -16,6 +15,7 @@ from jumpvision.engine.study.system import circumstances as of_recordings
 from jumpvision.experiment.campaign.circumstances import circumstances
 from jumpvision.experiment.inputs.experiment import open_campaign, open_experiment
 from jumpvision.films.frames.recorded import recorded_at
+from tests.worlds.film_files import grey_film, write_cine, write_mraw, write_seq
 from tests.worlds.small import make, problems_of
 
 LAW = "[actuation]\nkind = 'sine'\nfrequency = 7.0\namplitude = 0.01\n[bed]\nvolume_fraction = 0.6\n"

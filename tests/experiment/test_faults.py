@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 import tifffile
 from shared import ROOT, later
-from test_frames_raw import STAMPS_S, STAMPS_US, write_cine, write_mraw, write_seq
 
 from jumpvision.base.schema import InputError
 from jumpvision.cli import main
@@ -27,6 +26,7 @@ from jumpvision.experiment.inputs.sections import CraterDepth
 from jumpvision.experiment.stages.bed.crater import read_map
 from jumpvision.experiment.workflow import cache
 from jumpvision.films.frames import FrameError, open_frames
+from tests.worlds.film_files import STAMPS_S, STAMPS_US, write_cine, write_mraw, write_seq
 from tests.worlds.small import leftovers, results_of, run_here, write_campaign
 
 RUN = [sys.executable, "-c", "import sys; from jumpvision.cli import main; sys.exit(main(sys.argv[1:]))", "run"]

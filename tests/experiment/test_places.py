@@ -11,7 +11,6 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from test_frames_raw import STAMPS_S, write_cine
 
 from jumpvision.base.schema import InputError, harmless
 from jumpvision.cli import main
@@ -22,6 +21,7 @@ from jumpvision.experiment.stages.bed.crater import read_map
 from jumpvision.films.frames import FrameError, open_frames
 from jumpvision.films.frames.tiff import MOST_PAGES
 from jumpvision.laboratory import write
+from tests.worlds.film_files import STAMPS_S, write_cine
 from tests.worlds.small import run_here, write_campaign
 
 posix = pytest.mark.skipif(os.name == "nt", reason="needs pipes and devices in the file system")

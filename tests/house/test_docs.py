@@ -83,7 +83,8 @@ def test_the_types_are_those_of_the_docstrings(monkeypatch):
 
 
 MADE = (".csv", ".json", ".nc", ".npz", ".html", ".png", ".svg", ".pdf", ".webm", ".toml", ".avi", ".mkv", ".md")
-PLACES = (ROOT, ROOT / "jumpvision", ROOT / "tests", ROOT / "benchmarks")  # where a path in the text may begin
+# where a path in the text may begin
+PLACES = (ROOT, ROOT / "jumpvision", ROOT / "benchmarks", ROOT / "tests", *(ROOT / "tests").glob("*/"))
 
 
 def found(dotted: str) -> bool:

@@ -64,14 +64,13 @@ def damage(good: bytes, seed: int, *, text: bool) -> bytes:
 def samples(folder: Path) -> dict[str, Path]:
     """A small good file of each kind by its name; what belongs to it lies beside."""
     import av
-    import test_frames_raw
-    from test_frames import film_of
 
+    from tests.worlds import film_files
     from tests.worlds.small import FILMED
 
     folder.mkdir(parents=True, exist_ok=True)
-    found = test_frames_raw.samples(folder)
-    film = (film_of(5, dtype="uint16") >> 8).astype(np.uint8)
+    found = film_files.samples(folder)
+    film = (film_files.film_of(5, dtype="uint16") >> 8).astype(np.uint8)
     film = np.pad(film, ((0, 0), (0, -film.shape[1] % 16), (0, -film.shape[2] % 16)), mode="edge")
     for name, codec, pixels in (
         ("ffv1.avi", "ffv1", "gray"), ("ffv1.mkv", "ffv1", "gray"), ("h264.mp4", "libx264", "yuv420p"),
