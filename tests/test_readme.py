@@ -19,7 +19,7 @@ from jumpvision.experiment.workflow.stage import results_stages
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 SHOWN = (ROOT / "docs" / "samples.md").read_text(encoding="utf-8")
 app = application()
-GENERATED = ("api.md", "keys.md")  # written when the site is built
+GENERATED = ("api.md", "keys.md", "surprises.md")  # written when the site is built
 PAGES = [
     ROOT / "README.md",
     *sorted(p for p in (ROOT / "docs").rglob("*.md") if p.name not in GENERATED),

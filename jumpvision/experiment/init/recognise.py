@@ -13,6 +13,7 @@ from typing import Any
 
 from jumpvision.base.arrays import Image
 from jumpvision.base.schema import InputError, StageWarning
+from jumpvision.base.units import factor
 from jumpvision.experiment.inputs.channels import READERS as CHANNELS
 from jumpvision.experiment.inputs.held import Channel
 from jumpvision.experiment.inputs.tracker import is_tracker
@@ -203,16 +204,10 @@ def _by_unit(held: Sequence[Channel], timed: bool) -> tuple[str, dict[str, str]]
     return "intrusion_log", {"depth_m": found["position_m"], "force_N": found["force_N"]}
 
 
-SPELT = {"newton": "N", "newtons": "N", "meter": "m", "meters": "m", "metre": "m", "metres": "m"}
-
-
 def _is_unit(stated: str, unit: str) -> bool:
-    from jumpvision.engine.laws.dimension import factor
-    from jumpvision.engine.laws.tree import LawError
-
     try:
-        return bool(stated) and factor(SPELT.get(stated.lower(), stated), unit) > 0
-    except LawError:
+        return bool(stated) and factor(stated, unit) > 0
+    except ValueError:
         return False
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from jumpvision.base.schema import InputError, closest
 from jumpvision.base.storage import irregular, settled, stamp
+from jumpvision.base.units import factor
 
 from .channels import BAGS, READERS
 from .held import Channel, Held, tell
@@ -78,6 +79,7 @@ def _read(
         raise InputError([f"{path}: channels of one log must have as many values: {lengths}"])
     if rows[columns[0]] < at_least:
         raise InputError([f"{path}: {rows[columns[0]]} rows; at least {at_least} are needed"])
+    saved = " of the channels saved as CSV" if path.suffix.lower() in READERS else ""  # no editor opens those
     problems, out = [], {}
     for c, channel in raw.items():
         cells = pd.Series(channel.values)
@@ -90,7 +92,7 @@ def _read(
             more = f" (and {bad.size - 1} rows more)" if bad.size > 1 else ""
             problems.append(
                 f"{path}: row {bad[0] + 1}, {channel.name} = '{cells.iloc[bad[0]]}'{more}: must be a finite number; "
-                "correct the value or delete the row"
+                f"correct the value or delete the row{saved}"
             )
         out[c] = values * _factor(path, c, channel)
     time = out[columns[0]]
@@ -100,7 +102,7 @@ def _read(
         what = "repeats" if time[i + 1] == time[i] else "goes back"
         problems.append(
             f"{path}: row {i + 2}, {columns[0]} = {time[i + 1]:g} after {time[i]:g}: time {what}; "
-            "it must increase from row to row: sort the rows and remove duplicates"
+            f"it must increase from row to row: sort the rows and remove duplicates{saved}"
         )
     if problems:
         raise InputError(problems)
@@ -202,12 +204,9 @@ def _factor(path: Path, column: str, channel: Channel) -> float:
     _, mark, unit = column.rpartition("_")
     if not channel.unit or not mark or channel.unit == unit:
         return 1.0
-    from jumpvision.engine.laws.dimension import factor
-    from jumpvision.engine.laws.tree import LawError
-
     try:
         return factor(channel.unit, unit)
-    except LawError as e:
+    except ValueError as e:
         raise InputError(
             [
                 f"{path}: {channel.name} is in '{channel.unit[:60]}', which is no {unit} ({e}); name another, or "
