@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from jumpvision.base.extras import needed
 from jumpvision.base.schema import InputError
 
 from .held import Channel, Held
@@ -26,11 +27,9 @@ def bag(path: Path, asked: Collection[str]) -> Held:
     """Channels TOPIC.FIELD, as `/drive.velocity.x`; of a series its place, `/scan.ranges.3`, or the name beside it,
     `/joint_states.position.hip`. Their clock is the messages' own stamp, else the time at which they were recorded,
     which is TOPIC.recorded too [s]."""
-    try:
+    with needed("rosbags", f"{path}: reading bags", "ros"):
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
-    except ImportError as e:
-        raise InputError([f"{path}: reading bags needs rosbags; install it with: pip install 'jumpvision[ros]'"]) from e
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
             topics = {c.topic for c in reader.connections}
