@@ -237,6 +237,23 @@ def test_a_driven_oscillator_errs_by_the_square_of_the_step(unit):
     assert off[0] < held / 60 and off[1:] == pytest.approx([off[0] / 9, off[0] / 16], rel=0.1)
 
 
+@pytest.mark.surprise(
+    package="FMPy",
+    version="0.3.32",
+    behaviour="sets input derivatives of nine inputs alone: one ends in 'Can only assign sequence of same size'",
+    here="sets none, also where a unit could interpolate its inputs",
+)
+def test_input_derivatives_cannot_be_set(unit):
+    fmpy = pytest.importorskip("fmpy")
+    description = fmpy.read_model_description(str(unit))
+    description.coSimulation.canInterpolateInputs = True
+    given = np.array([(0.0, 0.0), (1.0, 1.0)], [("time", float), ("u", float)])
+    with pytest.raises(ValueError, match="sequence of same size"):
+        fmpy.simulate_fmu(
+            str(unit), model_description=description, stop_time=0.1, input=given, set_input_derivatives=True
+        )
+
+
 def test_the_mean_of_a_step_is_the_integral():
     """Against a sum over 20,000 points, of a series with jumps that ends within the steps."""
     rng = np.random.default_rng(3)
