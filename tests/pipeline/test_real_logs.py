@@ -10,6 +10,7 @@ import pytest
 
 from jumpvision.base.schema import InputError
 from jumpvision.base.units import PLAIN, PREFIXES, WITH_PREFIX, WORDS, factor, unit_of
+from jumpvision.experiment.init.recognise import recognised
 from jumpvision.experiment.inputs.logs import read_log
 from jumpvision.experiment.inputs.recordings import MotorLog
 
@@ -80,6 +81,20 @@ def test_a_logs_unit_is_converted_or_refused_by_name(tmp_path, unit, one):
             read_log(log, "time_s", "position_m")
     else:
         assert read_log(log, "time_s", "position_m").position_m.to_numpy() == pytest.approx(one * T * T, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    "before", ["", "sep=,\n", "# recorded by A\n# with the small foot, 3 kg\n", "\ufeffsep=,\n#\n"]
+)
+def test_lines_before_the_header_are_left_out(tmp_path, before):
+    """By the reader and by init; rows are counted from the header on."""
+    file, rows = tmp_path / "motor.csv", [f"{t},{t * t}" for t in T]
+    file.write_text(before + "\n".join(["time_s,position_m", *rows]) + "\n", encoding="utf-8")
+    assert np.array_equal(read_log(motor(file), "time_s", "position_m").position_m, T * T)
+    assert recognised(tmp_path, file.name, None).section == "motor_log"
+    file.write_text(before + "\n".join(["time_s,position_m", *rows[:4], "0.3,x", *rows[7:]]) + "\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"row 5, position_m = 'x'"):
+        read_log(motor(file), "time_s", "position_m")
 
 
 # -------------------------------------------------------------------------------------------------------- ROS, MCAP

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import math
 import re
 import warnings
@@ -16,6 +17,7 @@ from jumpvision.base.schema import InputError, StageWarning
 from jumpvision.base.units import factor
 from jumpvision.experiment.inputs.channels import READERS as CHANNELS
 from jumpvision.experiment.inputs.held import Channel
+from jumpvision.experiment.inputs.logs import preamble
 from jumpvision.experiment.inputs.tracker import is_tracker
 from jumpvision.films.frames import Film, FrameError, open_frames
 from jumpvision.films.frames.opening import READERS
@@ -152,7 +154,7 @@ def recognised(folder: Path, name: str, section: str | None) -> Recording:
 
 def _table(path: Path, name: str) -> Recording:
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as f:
-        first = f.readline().strip()
+        first = next(itertools.islice(f, preamble(path), None), "").strip()
     header = [c.strip() for c in next(csv.reader([first]), [])]
     if (section := _log_with(header)) is not None:
         return Recording(section, name, f"columns {', '.join(header)}")

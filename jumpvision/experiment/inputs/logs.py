@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import time
 from collections.abc import Collection, Mapping
@@ -240,6 +241,7 @@ def _table(path: Path, asked: Collection[str], columns: tuple[str, ...]) -> Held
         raw = pd.read_csv(
             path,
             header=None,
+            skiprows=preamble(path),
             dtype=str,
             skipinitialspace=True,
             encoding="utf-8-sig",
@@ -262,6 +264,12 @@ def _table(path: Path, asked: Collection[str], columns: tuple[str, ...]) -> Held
         raise InputError([f"{path}: column {n} is there {header.count(n)} times; rename or remove one" for n in twice])
     rows = raw[1:].reset_index(drop=True)
     return Held(header, {n: Channel(n, rows[header.index(n)].to_numpy()) for n in asked if n in header})
+
+
+def preamble(path: Path) -> int:
+    """Lines before the header: comments of a measuring program (#), and the line that tells Excel its separator."""
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        return sum(1 for _ in itertools.takewhile(lambda line: line.startswith(("#", "sep=")), file))
 
 
 def _refuse_swallowed(path: Path, raw: pd.DataFrame) -> None:
