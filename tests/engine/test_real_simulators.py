@@ -168,16 +168,17 @@ class Unit(Fmi2Slave):
 
     def __init__(self, **kwargs):
         super().__init__(**kwargs)
-        self.w, self.c, self.n, self.u, self.x, self.y, self.v = 6.0, 0.6, 1, 0.0, 0.0, 0.0, 0.0
+        self.w, self.c, self.n, self.gear, self.u, self.x, self.y, self.v = 6.0, 0.6, 1, 1, 0.0, 0.0, 0.0, 0.0
         for name in ("w", "c"):
             self.register_variable(Real(name, causality=Fmi2Causality.parameter, variability=Fmi2Variability.tunable))
         self.register_variable(Integer("n", causality=Fmi2Causality.parameter, variability=Fmi2Variability.tunable))
+        self.register_variable(Integer("gear", causality=Fmi2Causality.input, variability=Fmi2Variability.discrete))
         self.register_variable(Real("u", causality=Fmi2Causality.input))
         for name in ("x", "y", "v"):
             self.register_variable(Real(name, causality=Fmi2Causality.output))
 
     def do_step(self, current_time, h):
-        self.x += self.n * self.u * h
+        self.x += self.n * self.gear * self.u * h
         d = 0.5 * self.c
         r = math.sqrt(self.w**2 - d * d)
         a, e, c, s = self.y - self.u, math.exp(-d * h), math.cos(r * h), math.sin(r * h)
@@ -216,6 +217,16 @@ def test_a_driven_unit_does_not_lag(unit):
     assert run({}, recording(t, drive=jump))["x"][4:] == pytest.approx(2.0 * (t[4:] - 0.33), abs=1e-12)
     with pytest.raises(InputError, match="times that do not go back"):
         run({}, recording(t, drive=(np.array([0.0, 0.5, 0.4]), np.zeros(3))))
+
+
+def test_a_switch_keeps_its_last_value(unit):
+    """An Integer input of one value a time is held until the next, not drawn straight to it; a half is refused."""
+    run = jv.from_fmu(unit, {"x": "x"}, drive={"u": "drive", "gear": "gear"})
+    gear = np.repeat([1.0, 3.0, 2.0, 0.0], 25)
+    found = run({}, recording(drive=2.0, gear=gear))["x"]
+    assert np.allclose(found, np.concatenate([[0.0], np.cumsum(0.02 * gear)])[:-1], atol=1e-12)
+    with pytest.raises(InputError, match=r"gear is of type Integer: 'gear' must be a whole number"):
+        run({}, recording(drive=2.0, gear=0.5 * gear))
 
 
 def test_a_driven_oscillator_errs_by_the_square_of_the_step(unit):

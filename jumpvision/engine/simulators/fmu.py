@@ -45,28 +45,27 @@ class Fmu:
         unit = description.coSimulation
         parts = PARTS if self.drive and unit is not None and unit.canHandleVariableCommunicationStepSize else 1
         step = dt / (math.ceil(dt / self.step - 1e-9) if self.step else parts)
-        ends = r.t[0] + step * np.arange(
-            math.ceil((r.t[-1] - r.t[0]) / step - 1e-9) + 3
-        )  # of its steps, and one beyond
+        n = math.ceil((r.t[-1] - r.t[0]) / step - 1e-9) + 2
+        ends = r.t[0] + step * np.arange(n + 1)
         variables = {v.name: v for v in description.modelVariables}
         start = {place: value_of(name, p, r) for place, name in self.model.items()}
         tracks = {place: track_of(name, p, r) for place, name in self.drive.items()}
-        held = unit is not None  # a unit for co-simulation holds its inputs over a step
-        every = ends[:-1] if held else _rows([t for t, _ in tracks.values()])
+        every = _rows([t for t, _ in tracks.values()]) if unit is None else ends[:-1]
         columns: dict[str, Array] = {}
         for place, (t, x) in tracks.items():
-            if held and variables[place].variability not in ("discrete", "tunable"):
-                columns[place] = means(t, x, ends)  # so that it does not lag by half a step
+            if variables[place].type not in REALS or variables[place].variability in ("discrete", "tunable"):
+                columns[place] = x[np.maximum(np.searchsorted(t, every + 1e-6 * step, side="right") - 1, 0)]
+            elif unit is not None:  # an input is held over a step: its mean does not lag by half of one
+                columns[place] = means(t, x, ends)
             else:
-                left = np.diff(every, append=math.inf) == 0.0  # the first row of a jump
-                columns[place] = np.where(left, np.interp(-every, -t[::-1], x[::-1]), np.interp(every, t, x))
+                first = np.diff(every, append=math.inf) == 0.0  # of the two rows of a jump
+                columns[place] = np.where(first, np.interp(-every, -t[::-1], x[::-1]), np.interp(every, t, x))
         for place, value in {**start, **columns}.items():
             if variables[place].type not in REALS and np.any(value != np.round(value)):
                 kind, name = variables[place].type, {**self.model, **self.drive}[place]
                 raise InputError([f"{self.file}: {place} is of type {kind}: {name!r} must be a whole number there"])
-        given = (
-            np.array([*zip(every, *columns.values())], [(n, float) for n in ("time", *columns)]) if columns else None
-        )
+        rows = [*zip(every, *columns.values())]
+        given = np.array(rows, [(name, float) for name in ("time", *columns)]) if columns else None
         result = simulate(
             folder,
             model_description=description,
@@ -130,7 +129,9 @@ def _takes_start(variable: Any, version: str) -> bool:
 
 
 def _rows(times: Sequence[Array]) -> Array:
-    """All times of these series, each once, and twice where one of them has a jump."""
+    """All times of these series, each once, and twice where one of them has a jump; none of no series."""
+    if not times:
+        return np.empty(0)
     jumps = [t[1:][np.diff(t) == 0.0] for t in times]
     return np.sort(np.concatenate([np.unique(np.concatenate(times)), np.unique(np.concatenate(jumps))]))
 

@@ -74,7 +74,8 @@ class MujocoModel:
             if acts is not None and force is not None:
                 acts(force(**{s: get() for s, get in state.items()}))
 
-        out, trace = np.empty((ends.size, len(read))), []
+        out = np.empty((ends.size, len(read)))
+        trace: list[tuple[float, list[float]]] = []
         said: list[str] = []
         mujoco.set_mju_user_warning(said.append)  # else it writes a file into the working folder
         mujoco.set_mjcb_control(control)
