@@ -13,10 +13,11 @@ from scipy.linalg import expm
 import jumpvision as jv
 
 MASS, HELD, READ = 2.0, 0.2, 0.01  # kg; s for which a held force keeps its value, by which the sensor is late
+LONG = 1.2  # s, of a recording
 RATES = (50.0, 100.0, 250.0)  # Hz
 NOISE = 1e-4  # m, a hundredth of the motion or less
 
-XML = """<mujoco><option timestep="1e-3" integrator="RK4" gravity="0 0 0"/><worldbody><body><joint name="x" type="slide"
+XML = """<mujoco><option timestep="2e-3" integrator="RK4" gravity="0 0 0"/><worldbody><body><joint name="x" type="slide"
 axis="1 0 0"/><geom size="0.05" mass="2.0"/></body></worldbody>
 <actuator><motor name="pull" joint="x" delay="0.02" nsample="21"/></actuator>
 <sensor><jointpos name="place" joint="x" delay="0.01" nsample="11"/></sensor></mujoco>"""
@@ -108,9 +109,9 @@ def campaign(rng, held, rows_known):
     k, c, late = rng.uniform(60.0, 120.0), rng.uniform(1.0, 4.0), 1e-3 * rng.integers(5, 40)
     out = []
     for rate in RATES:
-        t = np.arange(round(2.0 * rate)) / rate
+        t = np.arange(round(LONG * rate)) / rate
         if held:
-            edges = HELD * np.arange(round(2.0 / HELD))
+            edges = HELD * np.arange(round(LONG / HELD))
             force = rng.normal(0.0, 3.0, edges.size)
             rows = np.array([-1.0, *np.repeat(edges, 2)]), np.array([0.0, 0.0, *np.repeat(force, 2)[:-1]])
             given = rows if rows_known else force[np.minimum((t / HELD + 1e-6).astype(int), force.size - 1)]

@@ -60,7 +60,8 @@ class Fmu:
             else:
                 first = np.diff(every, append=math.inf) == 0.0  # of the two rows of a jump
                 columns[place] = np.where(first, np.interp(-every, -t[::-1], x[::-1]), np.interp(every, t, x))
-        for place, value in {**start, **columns}.items():
+        asked: dict[str, Any] = {**start, **columns}
+        for place, value in asked.items():
             if variables[place].type not in REALS and np.any(value != np.round(value)):
                 kind, name = variables[place].type, {**self.model, **self.drive}[place]
                 raise InputError([f"{self.file}: {place} is of type {kind}: {name!r} must be a whole number there"])

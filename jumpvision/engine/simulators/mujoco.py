@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.extras import needed
@@ -158,7 +159,7 @@ def _spec(xml: str, places: tuple[str, ...]) -> Any:
         raise InputError([f"the MuJoCo model {xml[:60]!r} cannot be read: {e}"]) from None
 
 
-def _ends(t: Array, jumps: Sequence[Array], least: float) -> tuple[Array, Array]:
+def _ends(t: Array, jumps: Sequence[Array], least: float) -> tuple[Array, NDArray[np.intp]]:
     """Where steps end: at all times t (n,) [s] and at the jumps between them; which of the ends are t's."""
     ends = np.unique(np.concatenate([t, *jumps]))
     ends = ends[(ends >= t[0]) & (ends <= t[-1]) & (np.diff(ends, append=math.inf) > least)]
