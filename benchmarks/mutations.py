@@ -32,12 +32,12 @@ ROOT = Path(__file__).parents[1]
 COPIED = ("jumpvision", "tests", "data_samples", "docs", "pipelines", "benchmarks", "*.md", "*.toml", "*.cff")
 SLOWER, LEAST = 4.0, 300.0  # times what the tests take without a fault, and s: a fault may recompile, or never end
 COMPILED = re.compile(r"\bnumba\b|^@(?:law|shared|kernel|inlined)\b", re.MULTILINE)
-FIRST = re.compile(r"^(?:FAILED|ERROR) (?:tests/)?(\S+?)(?:\[.*)?(?: - .*)?$", re.MULTILINE)
+FIRST = re.compile(r"^(?:FAILED|ERROR) (?:tests/)?(?:\w+/)*(\S+?)(?:\[.*)?(?: - .*)?$", re.MULTILINE)
 
 
 class Fault(NamedTuple):
     """A fault. file: where the expression is, found by name; old, new: the expression, blanks of no account. tests:
-    files that should notice; select: which of their tests (`pytest -k`), where all take long."""
+    files that should notice, anywhere below tests/; select: which of their tests (`pytest -k`), where all take long."""
 
     name: str
     wing: str
@@ -537,7 +537,7 @@ FAULTS = (
         "math.hypot(4.0 * scale, rate, phi)",
         "math.hypot(3.0 * scale, rate, phi)",
         "test_budget.py",
-        "speed_momentum",
+        "grains_and_their_fits",
     ),
     Fault(
         "a field is written column by column",
@@ -904,7 +904,8 @@ def tested(copy: Path, fault: Fault, limit: float, compiled: str = "") -> tuple[
     """(pytest's exit code, None beyond the limit; what it said) of a fault's tests in a copy. compiled: where numba
     keeps code, its own place where none is given."""
     call = [sys.executable, "-m", "pytest", "-n", "0", "-x", "-q", "-p", "no:cacheprovider", "--tb=line"]
-    call += [f"tests/{t}" for t in fault.tests.split()] + (["-k", fault.select] if fault.select else [])
+    files = [str(f.relative_to(copy)) for name in fault.tests.split() for f in (copy / "tests").rglob(name)]
+    call += files + (["-k", fault.select] if fault.select else [])
     own = {"PYTHONPATH": str(copy)} | ({"NUMBA_CACHE_DIR": compiled} if compiled else {})
     with tempfile.TemporaryFile("w+", encoding="utf-8") as said:
         run = subprocess.Popen(

@@ -6,17 +6,19 @@ import gc
 import importlib
 import os
 import shutil
+import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
+from shared import ROOT, SAMPLES, later
 
 for _threads in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):  # before numpy is imported, as the command line does:
     os.environ.setdefault(_threads, "1")  # matrices here are small, and threads of two workers wait for one another
 
-ROOT = Path(__file__).parents[1]
-SAMPLES = ROOT / "data_samples"
 KEPT = pytest.StashKey[bool]()  # what Python was told of bytecode
+__all__ = ["ROOT", "SAMPLES", "later"]
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -27,7 +29,9 @@ def pytest_collection(session):
     session.config.stash[KEPT], sys.dont_write_bytecode = sys.dont_write_bytecode, False
     worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0")
     if int(worker[2:]) % 2 and [Path(a) for a in session.config.args] == [ROOT / "tests"]:
-        for file in sorted((ROOT / "tests").glob("test_*.py"), reverse=True):
+        for file in sorted((ROOT / "tests").rglob("test_*.py"), reverse=True):
+            if str(file.parent) not in sys.path:  # as pytest has it when it collects the file
+                sys.path.insert(0, str(file.parent))
             try:
                 importlib.import_module(file.stem)
             except (Exception, pytest.skip.Exception):
@@ -38,11 +42,6 @@ def pytest_collection_finish(session):
     """What 3,000 tests import stays, and need not be looked through for garbage time and again."""
     sys.dont_write_bytecode = session.config.stash[KEPT]
     gc.freeze()
-
-
-def later(*cases: object) -> list:
-    """Cases of a parameter that are left to the second run, `-m long`; the first has others of the same test."""
-    return [pytest.param(*(c if isinstance(c, tuple) else (c,)), marks=pytest.mark.long) for c in cases]
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -62,6 +61,60 @@ def real_data() -> Path:
     if not folder or not Path(folder).is_dir():
         pytest.skip("JUMPVISION_REAL_DATA does not name the folder of real recordings")
     return Path(folder)
+
+
+@pytest.fixture(scope="session")
+def sound(tmp_path_factory) -> Path:
+    """A small filmed experiment that runs without an error."""
+    from tests.worlds.small import filmed_experiment
+
+    return filmed_experiment(tmp_path_factory.mktemp("sound") / "exp")
+
+
+@pytest.fixture
+def folder(sound, tmp_path) -> Path:
+    """A copy of it."""
+    return Path(shutil.copytree(sound, tmp_path / "campaign" / "exp"))
+
+
+@pytest.fixture(scope="session")
+def calm(tmp_path_factory) -> Path:
+    """A campaign of two experiments and its results: folder/campaign, folder/results. Not to be changed."""
+    from jumpvision.base import storage
+    from tests.worlds.small import run_here, write_campaign
+
+    folder = tmp_path_factory.mktemp("calm")
+    campaign = write_campaign(folder / "campaign", 2)
+    time.sleep(storage.FRESH)  # what was hashed just after it was written is hashed again
+    assert run_here(campaign, folder / "results") == 0
+    return folder
+
+
+@pytest.fixture
+def work(calm, tmp_path) -> Path:
+    """A copy of it."""
+    return Path(shutil.copytree(calm, tmp_path / "work"))
+
+
+@pytest.fixture(scope="session")
+def results(tmp_path_factory) -> Path:
+    """Both samples analysed once for all workers, about 100 s on two cores; pictures of one are enough here."""
+    import fcntl  # POSIX
+
+    root = tmp_path_factory.getbasetemp()
+    root = (root.parent if "PYTEST_XDIST_WORKER" in os.environ else root) / "analysed"
+    root.mkdir(exist_ok=True)
+    run = [sys.executable, "-c", "import sys; from jumpvision.cli import main; sys.exit(main(sys.argv[1:]))", "run"]
+    with (root / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # the others wait
+        for name, options in (("hard_ground", ()), ("loose_sand", ("--no-pictures", "--table"))):
+            if (root / f"{name}.out").exists():
+                continue
+            call = [*run, str(SAMPLES / name), "--results", str(root / name), *options]
+            done = subprocess.run(call, capture_output=True, text=True)
+            assert done.returncode == 0, done.stderr
+            (root / f"{name}.out").write_text(done.stdout)
+    return root
 
 
 @pytest.fixture(scope="module")

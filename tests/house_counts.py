@@ -46,12 +46,18 @@ def modules() -> dict[str, Path]:
 
 
 @functools.cache
+def tree(file: Path) -> ast.Module:
+    """The syntax of a file."""
+    return ast.parse(file.read_text(encoding="utf-8"))
+
+
+@functools.cache
 def imports(name: str) -> frozenset[str]:
     """Modules of the package that a module imports, anywhere in it."""
     file = modules()[name]
     package = list(file.relative_to(ROOT.parent).parent.parts)
     out = set()
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree(file)):
         if isinstance(node, ast.Import):
             out |= {a.name for a in node.names}
         elif isinstance(node, ast.ImportFrom):

@@ -197,6 +197,8 @@ def test_seq_truncated_and_unclosed(tmp_path):
         open_frames(path)
     with open_frames(write_seq(path, truth, STAMPS_US.tolist(), allocated=0)) as film:
         assert len(film) == 6 and "counts no frames" in film.warnings[0]
+    with open_frames(write_seq(path, truth, STAMPS_US.tolist(), allocated=2)) as film:
+        assert len(film) == 2 and "holds 6 frames, its header only 2; the rest is left out" in film.warnings[0]
 
 
 def test_seq_bad_headers(tmp_path):

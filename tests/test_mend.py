@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import pytest
 from diagnosis_sample import diagnosis
-from test_experiment import make, problems_of
 from test_varies_words import DAY, DRIFT, FASTER, LOST, NAMES, ODD, SCATTER, SOFT, varies
 
 from jumpvision.base.schema import InputError
@@ -16,6 +15,7 @@ from jumpvision.experiment.campaign.mend import accept, written
 from jumpvision.experiment.inputs.experiment import open_campaign
 from jumpvision.jumper.question.suggest import Written, suggested
 from jumpvision.jumper.question.words import words_of
+from tests.worlds.small import make, problems_of
 
 WORDS = words_of(diagnosis())
 VALUES = {

@@ -52,7 +52,7 @@ def test_a_uniform_motion_through_a_lens_is_measured_uniform(tmp_path):
         assert main(["piv", str(tmp_path), "--results", str(tmp_path / name), "--no-pictures"]) == 0
         with xr.open_dataset(tmp_path / name / "piv.nc") as d:
             speeds[name] = d.u.where(d.chc > 0).isel(t=0).values / (1e-4 * 100)
-    # the matcher's own scatter on this texture is about 0.02 px a vector
-    assert np.nanstd(speeds["lens"]) < 0.05
+    # the matcher's own scatter on this texture is about 0.004 px a vector
+    assert np.nanstd(speeds["lens"]) < 0.01
     assert np.nanmedian(speeds["lens"]) == pytest.approx(3.4, abs=0.01)
     assert np.nanstd(speeds["plain"]) > 0.08

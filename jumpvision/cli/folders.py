@@ -7,8 +7,9 @@ import io
 import json
 import shlex
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from jumpvision.engine.document.diagnosis import Diagnosis
     from jumpvision.experiment.campaign.folder import Run
     from jumpvision.experiment.inputs.experiment import Campaign, Experiment
-    from jumpvision.experiment.workflow.run import Plan
+    from jumpvision.experiment.workflow.run import Outcome, Plan
 
 
 def open_folder(path: Path, options: Options) -> Campaign:
@@ -57,9 +58,13 @@ def work(
     profile: str | None = None,
     ask: bool | None = None,
     every_page: bool = False,
+    report: bool = False,
 ) -> Run:
-    """Run the folder at `path`: `stages`, those of a pipeline file, or all; ask: as in run_folder; every_page: draw the
-    pictures of all pages, not only those of the first."""
+    """Run the folder at `path`: `stages`, those of a pipeline file, or all.
+
+    ask: as in run_folder; every_page: draw the pictures of all pages, not only those of the first; report: `show` will
+    write the pages, and those of experiments may be written while the model is questioned.
+    """
     from jumpvision.base.compiling import noticed
     from jumpvision.experiment.campaign.folder import asks, results_of, run_folder
     from jumpvision.experiment.inputs.experiment import Campaign, folder_of
@@ -112,7 +117,19 @@ def work(
             draw=diagnosis_png,
             pictured=options.pictures,
             say=progress.question,
+            beside=partial(_pages_beside, results) if report and number > 1 else None,
         )
+
+
+@contextlib.contextmanager
+def _pages_beside(results: Path, campaign: Campaign, outcomes: list[Outcome]) -> Iterator[None]:
+    """Write the experiments' pages in another process; those that it cannot write are left to `show`."""
+    from jumpvision.base.progress import worker_pool
+    from jumpvision.report.pages.report import write_pages
+
+    with worker_pool(1) as pool:
+        pool.submit(write_pages, campaign, outcomes, results)
+        yield
 
 
 def phases_of(plan: Plan, *, asks: bool, drawn: bool) -> list[str]:
@@ -224,7 +241,8 @@ def run(
     from . import terminal
 
     def one(path: Path, options: Options) -> int:
-        return show(work(path, options, pipeline=pipeline, profile=profile), options, page=report)
+        done = work(path, options, pipeline=pipeline, profile=profile, report=report)
+        return show(done, options, page=report)
 
     folder = folder_of(path)
     found, lost = folders_below(folder) if folder.is_dir() else ([], [])

@@ -8,6 +8,7 @@ import hashlib
 import io
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -105,6 +106,7 @@ def run_folder(
     draw: Draw,
     pictured: bool = True,
     say: Callable[[str], None],
+    beside: Callable[[Campaign, list[Outcome]], AbstractContextManager[None]] | None = None,
 ) -> Run:
     """Run the plan on every experiment, write what only a campaign shows, question its model; then draw the pictures.
 
@@ -112,6 +114,7 @@ def run_folder(
     ask: question the model; None: where everything is run and there are enough jumps. draw: of the diagnosis' picture;
     pictured: whether it is put among the results.
     say: is told what the questioning finds on its way.
+    beside: entered while the model is questioned, with the outcomes that nothing is left to draw of.
     """
     campaign = as_campaign(opened)
     _apart(campaign, plan.results, single=isinstance(opened, Experiment))
@@ -126,17 +129,19 @@ def run_folder(
             from .diagnose import question
 
             by_name = {o.name: o for o in run.outcomes}
-            run.diagnosis, run.files = question(
-                campaign,
-                by_name,
-                plan.results,
-                plan.cache,
-                workers=workers,
-                draw=draw,
-                pictured=pictured,
-                say=say,
-                fresh=plan.fresh,
-            )
+            drawn = [o for o in run.outcomes if not o.undrawn]
+            with beside(campaign, drawn) if beside else nullcontext():
+                run.diagnosis, run.files = question(
+                    campaign,
+                    by_name,
+                    plan.results,
+                    plan.cache,
+                    workers=workers,
+                    draw=draw,
+                    pictured=pictured,
+                    say=say,
+                    fresh=plan.fresh,
+                )
         run.files += _craters(run)
         if watcher is not None:
             watcher.found(run)

@@ -18,7 +18,7 @@ from jumpvision.base.units import factor
 from jumpvision.experiment.inputs.channels import READERS as CHANNELS
 from jumpvision.experiment.inputs.held import Channel
 from jumpvision.experiment.inputs.logs import preamble
-from jumpvision.experiment.inputs.tracker import is_tracker
+from jumpvision.experiment.inputs.tracker import is_tracker, tracker
 from jumpvision.films.frames import Film, FrameError, open_frames
 from jumpvision.films.frames.opening import READERS
 from jumpvision.films.frames.pictures import SUFFIXES, ImageFilm
@@ -135,8 +135,10 @@ def recognised(folder: Path, name: str, section: str | None) -> Recording:
     """What one of the candidates is. InputError or FrameError where it cannot be used."""
     path, suffix = folder / name, Path(name).suffix.lower()
     if path.is_file() and _is_track(path):
-        columns = ({"time_s": "t", "height_m": "y"}, "t and y of Tracker, its lengths in metres")
-        return Recording("rod_track", name, "a table of Tracker", {"columns": columns})
+        heights = [n for n in tracker(path, ()).names if n.rpartition("/")[2] == "y"]
+        columns = ({"time_s": "t", "height_m": heights[0]}, "t and y of Tracker, its lengths in metres")
+        several = (f"several masses: is {heights[0]} the one, or {' or '.join(heights[1:])}?",) if heights[1:] else ()
+        return Recording("rod_track", name, "a table of Tracker", {"columns": columns}, several)
     if suffix == ".csv":
         return _table(path, name)
     if suffix in CHANNELS and (suffix not in FIELDS or not _is_field(path)):
@@ -265,17 +267,17 @@ def _film(path: Path, name: str, section: str | None) -> Recording:
         known_as = section or _by_name(name, n) or ("grain_video" if alike else None)
         section = known_as or by_picture(film)
         doubled = doubled and section == "grain_video"
-        known = {k: film.meta[k] for k in ("exposure_s", "camera") if film.meta.get(k)}
+        camera = film.meta.get("camera")
         rate = 1.0 / float(np.median(np.diff(film.time))) if timed and n > 1 else None
         facts = f"{n} frames of " if n > 1 else "picture of "
         facts += f"{shape[1]} x {shape[0]} px (columns x rows)" + (f", {bits} bit" if bits else "")
         facts += f", {rate:.6g} Hz by the file" if rate else ""
-        facts += f", {known['camera']}" if "camera" in known else ""
+        facts += f", {camera}" if camera else ""
         values: dict[str, tuple[Any, str]] = {}
         if rate and section in FILMS:
             values["frame_rate"] = (float(f"{rate:.6g}"), "by the file's own time stamps")
-        if section == "rod_video" and "exposure_s" in known:
-            values["exposure"] = (float(known["exposure_s"]), "by the file")
+        if section == "rod_video" and film.exposure:
+            values["exposure"] = (film.exposure, "by the file")
         if doubled:
             values["pairs"] = ("names", "A and B of double exposures, by their names")
         said = () if doubled else film.warnings  # two things differ in their names: the number and the letter

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -41,6 +41,7 @@ def tdms(path: Path, asked: Collection[str]) -> Held:
                     raise InputError(
                         [f"{path}: {n} claims {len(c)} values, which the file does not hold; copy it again"]
                     )
+                _check_scale(path, c, file[c.group_name].properties, file.properties)
             held = Held(list(full), {n: _of_tdms(n, c) for n, c in named.items()})
             if named and (file.file_status.incomplete_final_segment or file.file_status.channel_statuses):
                 tell(f"{path}: its last segment is not whole: the file was cut off; copy it again")
@@ -49,6 +50,22 @@ def tdms(path: Path, asked: Collection[str]) -> Held:
         raise
     except Exception as e:  # nptdms raises many kinds for what is no TDMS file
         raise InputError([f"{path}: not a TDMS file, or damaged ({e}); copy it again"]) from None
+
+
+def _check_scale(path: Path, channel: TdmsChannel, *above: Mapping[str, Any]) -> None:
+    """Refuse raw values with a scale that nptdms does not know and leaves out. above: properties of group and file."""
+    from nptdms.scaling import get_scaling
+
+    held = channel.properties, *above
+    raw = [p for p in held if p.get("NI_Scaling_Status", "unscaled") != "scaled"]
+    kinds = {str(v)[:60] for p in raw for k, v in p.items() if k.endswith("_Scale_Type")}
+    if kinds and get_scaling(*held) is None:
+        raise InputError(
+            [
+                f"{path}: {channel.name} holds raw values with a scale of kind {', '.join(sorted(kinds))}, which "
+                "nptdms does not know; save scaled values (in LabVIEW: export as text, or scale before writing)"
+            ]
+        )
 
 
 def _of_tdms(name: str, channel: TdmsChannel) -> Channel:

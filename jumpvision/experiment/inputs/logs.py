@@ -29,7 +29,7 @@ PACKED = {".gz", ".bz2", ".xz", ".zip", ".zst", ".tar"}
 LARGEST = 200e6  # bytes of a log, as text some 2 GB in memory
 SMALL = 4e6  # bytes of one that is kept for the next stage that asks for it
 PLAIN = "commas between the values, decimal points within them, one line of header"
-UNIT = re.compile(r"(.*\S)\s*\[\s*([^\[\]]+?)\s*\]")  # Position [mm]
+UNIT = re.compile(r"(.*\S)\s*(?:\[\s*([^\[\]]+?)\s*\]|\(\s*([^()\d][^()]*?)\s*\))")  # Position [mm], Position (mm)
 
 
 def read_log(
@@ -195,9 +195,17 @@ def _told(channel: Channel) -> str:
 
 
 def _split(name: str) -> tuple[str, str]:
-    """Name and unit of `Position [mm]`; "" where it states none."""
+    """Name and unit of `Position [mm]` or `Position (mm)`; "" where it states none."""
     both = UNIT.fullmatch(name)
-    return (both[1], both[2]) if both else (name, "")
+    stated = both is not None and (both[2] or _is_unit(both[3]))  # in round brackets may stand any word
+    return (both[1], both[2] or both[3]) if both is not None and stated else (name, "")
+
+
+def _is_unit(word: str) -> bool:
+    try:
+        return factor(word, word) > 0
+    except ValueError:
+        return False
 
 
 def _factor(path: Path, column: str, channel: Channel) -> float:
@@ -208,10 +216,11 @@ def _factor(path: Path, column: str, channel: Channel) -> float:
     try:
         return factor(channel.unit, unit)
     except ValueError as e:
+        named = channel.name if channel.name.endswith(")") else _split(channel.name)[0]
         raise InputError(
             [
                 f"{path}: {channel.name} is in '{channel.unit[:60]}', which is no {unit} ({e}); name another, or "
-                f"its true unit: columns.{column} = '{_split(channel.name)[0]} [{unit}]'"
+                f"its true unit: columns.{column} = '{named} [{unit}]'"
             ]
         ) from None
 

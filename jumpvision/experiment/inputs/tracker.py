@@ -23,7 +23,8 @@ def is_tracker(path: Path) -> bool:
 
 
 def tracker(path: Path, asked: Collection[str]) -> Held:
-    """Its columns by their own names; rows that a step without a mark leaves empty are left out."""
+    """Its columns by their own names, `mass A/y` where several masses have one; rows that a step without a mark leaves
+    empty are left out."""
     lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
     head = _header(lines)
     if head is None:
@@ -31,19 +32,30 @@ def tracker(path: Path, asked: Collection[str]) -> Held:
     row, mark, names = head
     comma = mark != ","
     cells = [[c.strip() for c in line.split(mark)] for line in lines[row + 1 :] if line.strip(f" {mark}")]
-    full = [c for c in cells if len(c) >= len(FIRST) and all(c[: len(FIRST)])]
+    places = [k for k, n in enumerate(names) if n in asked and n.rpartition("/")[2] in FIRST] or range(len(FIRST))
+    full = [c for c in cells if all(len(c) > k and c[k] for k in places)]
     values = {n: np.array([_number(c[k] if k < len(c) else "", comma) for c in full]) for k, n in enumerate(names)}
     return Held(names, {n: Channel(n, values[n]) for n in asked if n in values})
 
 
 def _header(lines: list[str]) -> tuple[int, str, list[str]] | None:
-    """(row, what separates, names) of the header, in the first or second line."""
-    for row, line in enumerate(lines[:2]):
+    """(row, what separates, names) of the header, in one of the first three lines, below those of `#multi:` and the
+    masses."""
+    for row, line in enumerate(lines[:3]):
         for mark in ("\t", ";", ","):
             names = [re.sub(r"\s*[(\[].*", "", c).strip().lower() for c in line.rstrip(f"{mark} ").split(mark)]
             if tuple(names[: len(FIRST)]) == FIRST:
-                return row, mark, names
+                return row, mark, _of_masses(names, lines[row - 1].split(mark) if row else [])
     return None
+
+
+def _of_masses(names: list[str], above: list[str]) -> list[str]:
+    """Names of the columns, after the mass that stands above where another mass has one of that name."""
+    mass, out = "", []
+    for k, name in enumerate(names):
+        mass = above[k].strip() if k < len(above) and above[k].strip() else mass
+        out.append(f"{mass or k}/{name}" if names.count(name) > 1 else name)
+    return out
 
 
 def _number(cell: str, comma: bool) -> str:

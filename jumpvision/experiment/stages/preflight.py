@@ -43,7 +43,7 @@ from jumpvision.experiment.results.values import BedHeight, CraterShape
 from jumpvision.experiment.workflow.stage import STAGES, results_stages
 from jumpvision.experiment.workflow.workspace import Workspace
 from jumpvision.films.frames import Film
-from jumpvision.films.frames.decoding import open_video
+from jumpvision.films.frames.decoding import open_video, pixel_aspect, square_shape
 from jumpvision.films.frames.opening import READERS
 
 from .crosschecks import cross_checks, motion_of, resting, ringing, softness, stances, swing_of
@@ -200,7 +200,8 @@ def _head(section: RodVideo | GrainVideo | BedImage | CraterImage, opened: Calla
     if container and path.is_file() and path.stat().st_size > 50e6:
         film, stream = open_video(path, "SLICE")
         with film:
-            return Picture((stream.codec_context.height, stream.codec_context.width), None, None)
+            shape = stream.codec_context.height, stream.codec_context.width
+            return Picture(square_shape(shape, pixel_aspect(stream)), None, None)
     with opened(section) as frames:
         return Picture(frames.shape, float(frames.time[0]), float(frames.time[-1]))
 

@@ -27,6 +27,7 @@ from jumpvision.experiment.inputs.sections import (
 )
 from jumpvision.experiment.workflow.stage import StageWarning
 from jumpvision.films.frames import Film, FrameError, open_frames
+from jumpvision.films.resample import resampled
 from jumpvision.films.vision.camera import Camera, camera, straight_map, straight_points
 
 from .pairs import in_pairs
@@ -56,6 +57,12 @@ def open_film(section: RodVideo | GrainVideo, seen: Callable[[Image], None] | No
     _refuse_outside(film, section)
     for text in film.warnings:
         warnings.warn(StageWarning("frames", text, section.name), stacklevel=3)
+    if isinstance(section, RodVideo) and not section.exposure and film.meta.get("exposure_s", 0.0) > film.exposure:
+        text = (
+            f"{section.path}: an exposure of {film.meta['exposure_s']:g} s by its header, longer than from one frame "
+            f"to the next ({1.0 / film.rate:.3g} s): taken as unknown; give [{section.name}] exposure = ... (s)"
+        )
+        warnings.warn(StageWarning("exposure", text, section.name), stacklevel=3)
     return film
 
 
@@ -121,9 +128,7 @@ class StraightFilm(Film):
         self._film, self._map = film, straight_map(view, film.shape, scale)
 
     def _read(self, i: int) -> Image:
-        import cv2
-
-        return np.asarray(cv2.remap(self._film[i], *self._map, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
+        return resampled(self._film[i], *self._map)
 
     def close(self) -> None:
         self._film.close()

@@ -328,4 +328,4 @@ class BallFilm:
 
     def exposure(self, frames: Film) -> float:
         """Exposure time [s], 0 where nobody knows it."""
-        return self.film.exposure or float(frames.meta.get("exposure_s") or 0.0)
+        return self.film.exposure or frames.exposure

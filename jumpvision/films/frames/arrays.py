@@ -42,7 +42,8 @@ class NpyFilm(Film):
         promised, frame = stack_shape(path, shape, "the array")
         kind = native_type(dtype, path)
         nbytes = math.prod(frame) * dtype.itemsize
-        n = min(promised, (path.stat().st_size - offset) // nbytes)
+        whole = (path.stat().st_size - offset) // nbytes
+        n = min(promised, whole)
         if n < 1 or (fortran and n < promised):
             raise FrameError(f"{path}: truncated, no whole frame can be read; save it again")
         # Fortran order puts the frame number last in memory, so such an array must be whole.
@@ -52,7 +53,7 @@ class NpyFilm(Film):
             shape=(frame[0], frame[1]),
             dtype=kind,
             clock=clock(path, n, start=start, frame_rate=frame_rate),
-            warnings=lost(path, n, promised),
+            warnings=lost(path, whole, promised),
             meta={"format": "npy", "bit_depth": 8 * kind.itemsize},
         )
 
@@ -131,8 +132,12 @@ class Hdf5Film(Film):
             )
         # MATLAB counts axes from the fastest: its (y, x, frame) stands as (frame, x, y) in the file
         matlab = "MATLAB_class" in self._data.attrs
-        self._turned = self._axes == AXES[1] if self._axes else matlab
-        n, frame = stack_shape(path, self._data.shape, self._data.name)
+        # hdf5storage writes an array of Python as MATLAB would see it, its axes turned round, and says so
+        stood = tuple(int(k) for k in np.ravel(self._data.attrs.get("Python.Shape", ())))
+        self._reversed = stood == self._data.shape[::-1]
+        self._turned = self._axes == AXES[1] if self._axes else matlab and not self._reversed
+        shape = stood if self._reversed else self._data.shape
+        n, frame = stack_shape(path, shape, self._data.name)
         if self._turned:
             frame = (frame[1], frame[0], *frame[2:])
         kind = native_type(self._data.dtype, path)
@@ -144,13 +149,14 @@ class Hdf5Film(Film):
             shape=(frame[0], frame[1]),
             dtype=kind,
             clock=clock(path, n, start=start, frame_rate=frame_rate),
-            warnings=[] if matlab or self._axes else [_counted(path, self._data.name, n, frame)],
+            warnings=[] if self._axes or self._turned else [_counted(path, self._data.name, n, frame)],
             meta={"format": "hdf5", "bit_depth": 8 * kind.itemsize, "data_set": self._data.name},
         )
 
     def _read(self, i: int) -> Image:
         try:
-            image = self._data[()] if self._data.ndim == 2 else self._data[i]
+            at = () if self._data.ndim == 2 else (..., i) if self._reversed else i
+            image = self._data[at].T if self._reversed else self._data[at]
             image = np.swapaxes(image, 0, 1) if self._turned else image
         except (OSError, RuntimeError, ValueError) as error:
             raise FrameError(f"{self.path}: frame {i} cannot be read: {error}; copy the file again") from error

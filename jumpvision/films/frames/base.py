@@ -103,6 +103,12 @@ class Film(ABC):
         """Frames a second, by the median of the times between them; 1 of a single frame."""
         return 1.0 / float(np.median(np.diff(self.time))) if len(self) > 1 else 1.0
 
+    @property
+    def exposure(self) -> float:
+        """Exposure of a frame by the file [s]; 0 where it does not say, or says longer than from frame to frame."""
+        said = self.meta.get("exposure_s", 0.0)
+        return said if said * self.rate <= 1.0 + 1e-6 else 0.0
+
     @abstractmethod
     def _read(self, i: int) -> Image:
         """Frame i, 0 <= i < len(self)."""
@@ -219,9 +225,11 @@ def differs(rate: float, stamps: NDArray[np.float64]) -> bool:
 
 
 def lost(path: Path, whole: int, promised: int) -> list[str]:
-    """The warning for a truncated film: `promised` frames by the header, `whole` of them in the file."""
-    if whole >= promised:
+    """The warning for a film of `promised` frames by its header, of which `whole` are in the file: fewer, or more."""
+    if whole == promised:
         return []
+    if whole > promised:
+        return [f"{path}: holds {whole} frames, its header only {promised}; the rest is left out"]
     missing = promised - whole
     return [
         Truncated(f"{path}: truncated; the header promises {promised} frames, {whole} are whole, {missing} are lost")
@@ -280,6 +288,18 @@ def single_channel(image: NDArray[np.generic], where: Path | str, *, order: str 
         return np.ascontiguousarray(image[:, :, 0])
     r, g, b = (order.index(c) for c in "rgb")
     return luma(image[:, :, r], image[:, :, g], image[:, :, b])
+
+
+def is_mosaic(image: Image) -> bool:
+    """Return True if a grey picture (h, w) is a colour camera's raw one: the pixels of its 2 x 2 cells that see green
+    (Bayer 1976) differ from the two others everywhere alike, by more than chance and more than a hundredth of the
+    light. Grey cameras of all kinds stay below 0.2 %."""
+    rows, columns = (n // 2 * 2 for n in image.shape)
+    a = np.asarray(image[:rows, :columns], np.float32)
+    green = 0.5 * (a[::2, ::2] + a[1::2, 1::2] - a[::2, 1::2] - a[1::2, ::2])
+    if green.size < 64:
+        return False
+    return bool(abs(green.mean()) > max(0.01 * a.mean(), 6.0 * green.std() / np.sqrt(green.size)))
 
 
 def upright(image: Image, orientation: int) -> Image:

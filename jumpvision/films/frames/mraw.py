@@ -64,11 +64,7 @@ class MrawFilm(Film):
             raise FrameError(
                 f"{raw}: no whole frame; {size} bytes, one frame of {header.name} has {self._nbytes}; copy it again"
             )
-        warnings = lost(raw, n, promised)
-        if size // self._nbytes > promised:
-            warnings.append(
-                f"{raw}: holds {size // self._nbytes} frames, its header only {promised}; the rest is left out"
-            )
+        warnings = lost(raw, size // self._nbytes, promised)
         skip = number(header, h, "skip") if h["skip"] else 1.0
         rate = number(header, h, "rate") if h["rate"] else 0.0
         skip = max(skip, 1.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import math
 import os
@@ -12,7 +13,7 @@ from typing import Any
 from jumpvision.base.arrays import Image
 from jumpvision.base.storage import irregular
 
-from .base import Film, FrameError
+from .base import Film, FrameError, is_mosaic
 from .pictures import SUFFIXES, ImageFilm, image_names
 
 READERS: dict[str, tuple[str, str]] = {  # suffix: module of this folder, its Film
@@ -50,7 +51,7 @@ def open_frames(
         raise FrameError(f"{path}: start = {start!r}; must be a finite number of seconds")
     full = Path(pattern_root or "") / path
     if full.is_dir() or (not full.exists() and any(c in full.name for c in "*?[")):
-        return ImageFilm(full, names=image_names(full), frame_rate=frame_rate, start=start)
+        return _looked_at(ImageFilm(full, names=image_names(full), frame_rate=frame_rate, start=start))
     if not full.exists():
         raise FrameError(f"{full}: no such file; name a film, a folder of images or a pattern such as frames/*.png")
     if problem := irregular(full):
@@ -67,9 +68,21 @@ def open_frames(
     asked: dict[str, Any] = {"seen": seen} if seen is not None and reader.decodes_on_opening else {}
     asked |= {"axes": axes} if axes else {}
     film: Film = reader(full, frame_rate=frame_rate, start=start, **asked)
-    if reader.bare and len(film) > 1 and film[0].any() and not film[-1].any():
-        film.warnings += (
-            f"{full}: the last frame is all 0: was its copy cut off? Copy it again, or leave out what is dark "
-            "(exclude_frames)",
-        )
+    return _looked_at(film)
+
+
+def _looked_at(film: Film) -> Film:
+    """The film with warnings of what its pixels show: a copy that was cut off, a colour mosaic."""
+    with contextlib.suppress(FrameError):  # a frame that cannot be read is an error when it is asked for
+        first = film[0]
+        if is_mosaic(first):
+            film.warnings += (
+                f"{film.path}: its grey pixels are a colour camera's mosaic (Bayer), in which neighbours see other "
+                "colours: edges lie half a pixel off; export it in colour, or as grey made from colour",
+            )
+        if film.bare and len(film) > 1 and first.any() and not film[-1].any():
+            film.warnings += (
+                f"{film.path}: the last frame is all 0: was its copy cut off? Copy it again, or leave out what is dark "
+                "(exclude_frames)",
+            )
     return film

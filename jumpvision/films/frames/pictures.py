@@ -138,7 +138,7 @@ def pnm_size(head: bytes, tail: bytes) -> tuple[int, int] | None:
 
 
 def read_pnm(path: Path) -> NDArray[np.generic]:
-    """Binary PGM or PPM, values as stored. (OpenCV 5.0 gives the two bytes of 16-bit PGM in the wrong order.)"""
+    """Read a binary PGM or PPM, values as stored; of a torn one the error says how many are there."""
     with path.open("rb") as file:
         match = PNM.match(file.read(4096))
         if match is None:

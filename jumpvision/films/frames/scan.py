@@ -5,7 +5,7 @@ Nothing less is exact: packets are not frames (edit lists hide some, damage lose
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
@@ -18,7 +18,7 @@ from jumpvision.base.arrays import Image
 from jumpvision.base.progress import watch
 
 from .base import FrameError
-from .decoding import checksums_hold, decode_steps, grey, open_video
+from .decoding import checksums_hold, decode_steps, grey, open_video, pixel_aspect, square
 
 if TYPE_CHECKING:
     from av.video.frame import VideoFrame
@@ -42,6 +42,8 @@ class Scan:
     place: list[int | None] = field(default_factory=list)  # of packets in the file [bytes]
     size: list[int] = field(default_factory=list)  # of packets [bytes]
     profile: str = ""  # of the codec
+    aspect: Fraction = Fraction(1)  # width over height of a pixel
+    capture: float = 0.0  # Hz, of the recording by a phone's note, 0 where there is none
     broken: set[int] = field(default_factory=set)  # packets that cannot be decoded
     hidden: int = 0  # packets that an edit list hides
     cut: bool = False  # the file ends before its container says
@@ -90,6 +92,8 @@ def _scanned(path: Path, threads: str, seen: Callable[[Image], None] | None) -> 
             rate=float(stream.average_rate or 0),
             promised=stream.frames,
             profile=str(stream.codec_context.profile or ""),
+            aspect=pixel_aspect(stream),
+            capture=capture_rate(container.metadata),
             cut="matroska" in container.format.name and cut(path),
             duration=(alone - (container.start_time or 0)) * 1e-6 if alone else 0.0,
         )
@@ -105,7 +109,7 @@ def _scanned(path: Path, threads: str, seen: Callable[[Image], None] | None) -> 
             for frame in frames:
                 add_frame(scan, frame)
                 if seen is not None and len(scan.kinds) == 1:
-                    seen(grey(frame))
+                    seen(square(grey(frame), scan.aspect))
                 if frame.is_corrupt:
                     corrupt.append(frame.pts)
     at = {pts: k for k, pts in enumerate(scan.pts)}
@@ -113,6 +117,14 @@ def _scanned(path: Path, threads: str, seen: Callable[[Image], None] | None) -> 
     if any(checked):  # the film has checksums
         scan.broken |= {k for k, right in enumerate(checked) if not right}
     return scan
+
+
+def capture_rate(notes: Mapping[str, str]) -> float:
+    """Return the rate [Hz] at which an Android phone recorded, whatever the file plays at; 0 where it does not say."""
+    try:
+        return max(float(notes.get("com.android.capture.fps", 0.0)), 0.0)
+    except ValueError:
+        return 0.0
 
 
 def add_packet(scan: Scan, packet: Any, failed: bool) -> None:

@@ -58,11 +58,9 @@ class SeqFilm(Film):
         n = min(whole, promised) if promised else whole
         if n < 1:
             raise FrameError(f"{path}: no whole frame in {size} bytes; copy it again")
-        warnings = lost(path, n, promised)
+        warnings = lost(path, whole, promised)
         if not promised:
-            warnings.append(
-                f"{path}: its header counts no frames (recording not closed?); {n} whole ones are in the file"
-            )
+            warnings = [f"{path}: its header counts no frames (recording not closed?); {n} whole ones are in the file"]
         stamps = np.empty(n, STAMP)
         with path.open("rb") as file:
             for i in range(n):

@@ -6,7 +6,7 @@ import json
 import math
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +15,8 @@ from jumpvision.base.arrays import Image
 
 from .base import Film, FrameError, check_image, clock, lost, native_type, single_channel, upright
 
-if TYPE_CHECKING:
-    pass
-
 MOST_PAGES = 40_000  # looking one up takes 0.2 ms
+MAX_DESCRIPTION = 2**24  # characters read of it; OME-XML has some hundred a page
 
 
 class TiffFilm(Film):
@@ -42,7 +40,7 @@ class TiffFilm(Film):
         try:
             page: Any = self._tiff.pages[0]
             shape, dtype, axes = tuple(int(k) for k in page.shape), page.dtype, page.axes
-            text = str(page.description)[:10_000]
+            text = str(page.description)[:MAX_DESCRIPTION]
             block = page.dataoffsets[0] if page.is_contiguous else 0
         except Exception as error:
             raise FrameError(f"{path}: damaged TIFF: {error}; copy it again") from error
@@ -66,8 +64,14 @@ class TiffFilm(Film):
             kind = np.dtype(np.uint8)
         self._nbytes = math.prod(shape) * dtype.itemsize
 
-        check_hyperstack(path, text)
+        check_planes(path, text, channels)
         promised = described(text, math.prod(shape))
+        if axes == "SYX" and promised == 1:
+            raise FrameError(
+                f"{path}: one picture of {channels} separate planes by tifffile: {channels} grey frames that it took "
+                "for colours, or a colour picture? Save frames with photometric='minisblack', a colour picture with "
+                "planarconfig='contig'"
+            )
         self._block = 0
         whole = self._whole_pages(size)
         if whole == 1 and promised > 1 and block:
@@ -76,11 +80,13 @@ class TiffFilm(Film):
             whole = min(promised, (size - block) // self._nbytes)
         if whole < 1:
             raise FrameError(f"{path}: no whole page in {size} bytes; copy it again")
+        step = interval(text)
+        stamps = step * np.arange(whole, dtype=np.float64) if step else None
         super().__init__(
             path,
             shape=(height, width),
             dtype=kind,
-            clock=clock(path, whole, start=start, frame_rate=frame_rate),
+            clock=clock(path, whole, start=start, frame_rate=frame_rate, stamps=stamps),
             warnings=lost(path, whole, max(promised, self._seen)),
             meta={"format": "tiff", "bit_depth": 8 if kind == np.uint8 else int(page.bitspersample)},
         )
@@ -205,15 +211,48 @@ def colours_of(page: Any, channels: int, path: Path) -> Colours:
     return Colours(kind, white)
 
 
-def check_hyperstack(path: Path, text: str) -> None:
-    """Refuses ImageJ's hyperstacks of several channels, or of slices and frames: which images are the film?"""
+PIXELS = re.compile(r"<(?:\w+:)?Pixels\b([^>]*)>")  # of OME-XML, which stands in the first page's description
+OME = {"channels": "SizeC", "slices": "SizeZ", "frames": "SizeT"}  # ImageJ's words: OME's
+SECONDS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
+
+
+def ome_pixels(text: str) -> dict[str, str]:
+    """Return the attributes of OME-XML's first Pixels; none of another description."""
+    found = PIXELS.search(text)
+    return dict(re.findall(r'(\w+)="([^"]*)"', found[1])) if found else {}
+
+
+def check_planes(path: Path, text: str, samples: int) -> None:
+    """Refuse hyperstacks, by ImageJ's or OME's description, of several channels, or of slices and frames, and sets of
+    files: which images are the film? samples: colours of a page, each of which OME counts as a channel."""
     count = {k: int(n) for k, n in re.findall(r"^(channels|slices|frames)=(\d{1,9})$", text, re.MULTILINE)}
+    if pixels := ome_pixels(text):
+        count = {k: int(pixels.get(name) or 1) for k, name in OME.items()}
+        count["channels"] //= samples
+        count["images"] = len(PIXELS.findall(text))
     several = {k: n for k, n in count.items() if n > 1}
     if len(several) > 1:  # channels alone are how some programs write a film
         raise FrameError(
-            f"{path}: an ImageJ hyperstack of {', '.join(f'{n} {k}' for k, n in several.items())}; a film is one image "
-            "a frame: save one channel of it (Image > Duplicate, then File > Save As > Tiff)"
+            f"{path}: a hyperstack of {', '.join(f'{n} {k}' for k, n in several.items())}; a film is one image a "
+            "frame: save one channel of it (in ImageJ: Image > Duplicate, then File > Save As > Tiff)"
         )
+    files = {*re.findall(r'\bFileName="([^"]*)"', text)}  # one alone may have been renamed since
+    if len(files) > 1 or "<BinaryOnly " in text:
+        raise FrameError(
+            f"{path}: belongs to an OME-TIFF set of several files; a film is one file: save the set as one (in ImageJ: "
+            "File > Import > Bio-Formats, then File > Save As > Tiff)"
+        )
+
+
+def interval(text: str) -> float:
+    """Return the time between frames [s] by ImageJ's or OME's description, 0 where it does not say."""
+    pixels, found = ome_pixels(text), re.search(r"^finterval=([\d.eE+-]{1,30})$", text, re.MULTILINE)
+    value = pixels.get("TimeIncrement") or (found[1] if found else "0")
+    try:
+        step = float(value) * SECONDS.get(pixels.get("TimeIncrementUnit", "s"), 0.0)
+    except ValueError:
+        return 0.0
+    return step if 1e-9 < step < 1e6 else 0.0
 
 
 def described(text: str, page: int) -> int:

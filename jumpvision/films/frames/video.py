@@ -13,12 +13,13 @@ import numpy as np
 from jumpvision.base.arrays import Image
 
 from .base import Film, FrameError, Known, Truncated, clock
-from .decoding import Step, decode_steps, grey, grey_type, open_video
+from .decoding import Step, decode_steps, grey, grey_type, open_video, square, square_shape
 from .scan import scan_film, shortfall, timeline
 
 if TYPE_CHECKING:
     from av.video.frame import VideoFrame
 
+SLOW = 1.5  # times faster than it plays a film is slow motion; phones keep neither rate to better than some per cent
 KEPT = 8  # images kept: neighbours are asked for again (image pairs)
 
 
@@ -68,22 +69,37 @@ class VideoFilm(Film):
         if scan.rotation % 360:
             warnings.append(f"{path}: asks players to turn it by {scan.rotation} degrees; the frames come as stored")
         height, width, name = next(iter(scan.kinds))
+        self._aspect = scan.aspect
+        rows, columns = square_shape((height, width), scan.aspect)
+        if (rows, columns) != (height, width):
+            warnings.append(
+                f"{path}: its pixels are {scan.aspect} as wide as high; frames of {height} x {width} become {rows} x "
+                f"{columns} square ones, as players show them: positions in stored pixels do not fit"
+            )
         n = len(self._ordinal)
         import av
 
         dtype, depth = grey_type(av.VideoFormat(name))
+        self._seekable &= not av.VideoFormat(name).has_palette  # it comes with the first packet alone
         meta: Known = {"format": scan.format, "codec": scan.codec, "pixels": name, "bit_depth": depth}
         between = [size for size, key in zip(scan.size, scan.key) if not key]
         if between and predicts(scan.codec):
             meta["bits_per_pixel"] = 8.0 * sum(between) / (len(between) * height * width)
             meta["profile"] = scan.profile
+        slower = SLOW < scan.capture / scan.rate < 1e4 if scan.rate > 0 else False
+        if slower:
+            warnings.append(
+                f"{path}: recorded at {scan.capture:g} Hz by the phone's note, plays at {scan.rate:g} Hz: timed as "
+                "recorded (if that is wrong: clock = 'declared' with frame_rate)"
+            )
         if scan.rate > 0:
-            meta["recorded_rate_hz"] = scan.rate
+            meta["recorded_rate_hz"] = scan.capture if slower else scan.rate
+        time = line.time * (scan.rate / scan.capture) if slower else line.time
         super().__init__(
             path,
-            shape=(height, width),
+            shape=(rows, columns),
             dtype=dtype,
-            clock=clock(path, n, start=start, frame_rate=frame_rate, stamps=line.time, exact=line.exact),
+            clock=clock(path, n, start=start, frame_rate=frame_rate, stamps=time, exact=line.exact),
             warnings=warnings,
             meta=meta,
         )
@@ -118,12 +134,12 @@ class VideoFilm(Film):
         if on or (self._seekable and key > 0 and self._seek(key)):
             frame = self._forward(target)
             if frame is not None and (not self._seekable or frame.pts == self._pts[i]):
-                return grey(frame)
+                return square(grey(frame), self._aspect)
         self._restart()
         frame = self._forward(target)
         if frame is None or (self._seekable and frame.pts != self._pts[i]):
             raise FrameError(f"{self.path}: frame {i} cannot be decoded again; was the file changed? open it again")
-        return grey(frame)
+        return square(grey(frame), self._aspect)
 
     def _forward(self, target: int) -> VideoFrame | None:
         """The decoded frame of this ordinal, None beyond the end."""

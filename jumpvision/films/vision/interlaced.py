@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from jumpvision.base.arrays import Image
-from jumpvision.films.frames.base import Film
+from jumpvision.films.frames.base import Film, is_mosaic
 
 COMBED = 1.3  # mean square of what differs between neighbouring rows over that between rows of one half picture
 MOVED = 6.0  # of the frames' usual difference: pixels that something moves over
@@ -26,7 +26,7 @@ def is_interlaced(frames: Sequence[Image] | Film) -> bool:
     nothing moves.
     """
     n = len(frames)
-    if n < 2 or len(np.asarray(frames[0])) < 8:
+    if n < 2 or len(np.asarray(frames[0])) < 8 or is_mosaic(np.asarray(frames[0])):  # its rows alternate by colour
         return False
     at = np.unique(np.linspace(0, n - 2, min(8, n - 1)).astype(int))  # eight places of the film
     thin = slice(None, None, max(1, np.asarray(frames[0]).shape[1] // 640))

@@ -40,17 +40,8 @@ def write_report(
 
     warned: what is to be doubted of a campaign, as in campaign.json.
     """
-    experiments = {e.name: e for e in campaign.experiments}
-    draws = shlex.join(["jumpvision", "report", str(campaign.path), "--results", str(results)])
-    keys = []
-    for o in outcomes:
-        if not o.results.is_dir():
-            continue
-        try:
-            back = "" if single else f"../{files.REPORT}"
-            keys.append(_experiment(o, experiments.get(o.name), back=back, draws=draws))
-        except OSError as e:
-            o.errors.append(f"{o.results / files.REPORT}: {e.strerror or e}; free or change it and run again")
+    draws = draw_command(campaign, results)
+    keys = write_pages(campaign, outcomes, results, single=single)
     if single:
         return outcomes[0].results / files.REPORT
     true = [dict(truth_of(campaign.path)), coverage_words(campaign, outcomes)]
@@ -66,6 +57,29 @@ def write_report(
         mark = MADE_FROM.format(key)
         write_campaign(campaign, outcomes, rows, results, diagnosis, said, mark, draws=draws)
     return results / files.REPORT
+
+
+def draw_command(campaign: Campaign, results: Path) -> str:
+    """Return the command that draws the pictures of all pages."""
+    return shlex.join(["jumpvision", "report", str(campaign.path), "--results", str(results)])
+
+
+def write_pages(campaign: Campaign, outcomes: Iterable[Outcome], results: Path, *, single: bool = False) -> list[str]:
+    """Write the pages of these experiments that are not up to date; return the digest of each.
+
+    A page that cannot be written is an error of its outcome.
+    """
+    experiments = {e.name: e for e in campaign.experiments}
+    back, draws = "" if single else f"../{files.REPORT}", draw_command(campaign, results)
+    keys = []
+    for o in outcomes:
+        if not o.results.is_dir():
+            continue
+        try:
+            keys.append(_experiment(o, experiments.get(o.name), back=back, draws=draws))
+        except OSError as e:
+            o.errors.append(f"{o.results / files.REPORT}: {e.strerror or e}; free or change it and run again")
+    return keys
 
 
 def _experiment(outcome: Outcome, experiment: Experiment | None, *, back: str, draws: str) -> str:
