@@ -10,6 +10,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 
 import reference
+import surprises
 import tables
 
 import jumpvision
@@ -22,7 +23,7 @@ PARTS = {  # of the site
     "Jumping robots": ["planning", "report", "figures"],
     "Reference": [
         "commands", "keys", "api", "files", "stages", "physics", "hard_ground", "granular", "laboratory", "scale",
-        "piv_sigma", "disc_image", "benchmarks", "beside", "architecture",
+        "piv_sigma", "disc_image", "benchmarks", "beside", "surprises", "architecture",
     ],
     "Stages": [
         "stages/track", "stages/bed", "stages/crater", "stages/geometry", "stages/piv", "stages/flow", "stages/column",
@@ -60,8 +61,8 @@ def _index(app, exception) -> None:
 
 
 def _generate(app) -> None:
-    """Write keys.md and api.md, which are made from the code and not kept in git."""
-    for module in (tables, reference):
+    """Write keys.md, api.md and surprises.md, which are made from the code and not kept in git."""
+    for module in (tables, reference, surprises):
         module.TARGET.write_text(module.text(), encoding="utf-8")
 
 

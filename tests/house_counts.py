@@ -129,7 +129,7 @@ def words_of(file: Path) -> int:
 
 def pages() -> list[Path]:
     """The pages of docs/ that git keeps."""
-    return [f for f in (ROOT.parent / "docs").rglob("*.md") if f.name not in ("api.md", "keys.md")]
+    return [f for f in (ROOT.parent / "docs").rglob("*.md") if f.name not in ("api.md", "keys.md", "surprises.md")]
 
 
 def commands() -> list[str]:

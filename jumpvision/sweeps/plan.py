@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 
 from jumpvision.base.arrays import Array
+from jumpvision.base.extras import needed
 from jumpvision.base.record import plain
 from jumpvision.base.schema import InputError, Toml
 from jumpvision.experiment.inputs.experiment import open_experiment
@@ -220,12 +221,10 @@ def make_plan(
 ) -> Planned:
     """The plan of a jump to an apex, or `over` an obstacle; neither: the highest. limits: by name, they replace the
     motor's. recorded: the jump that played the plan."""
-    try:
+    with needed("casadi", "plan", "plan"):
         from jumpvision.jumper.planning.jumper import Drive
         from jumpvision.jumper.planning.plan import Planner, above, apexes
         from jumpvision.jumper.planning.transcription import Limits
-    except ImportError:
-        raise InputError(["plan: needs CasADi; install it with pip install casadi"]) from None
     m = robot.motor
     own = {n: v for n in ("max_force", "max_speed", "stroke") if m and (v := getattr(m, n)) is not None}
     drive = Drive(m.kp or 0.0, m.kd or 0.0) if m and m.kp else Drive()

@@ -22,7 +22,7 @@ from jumpvision.experiment.inputs.experiment import open_experiment
 from tests.worlds.small import make, problems_of
 
 DOCS = ROOT / "docs"
-GENERATED = ("api.md", "keys.md")  # written when the site is built
+GENERATED = ("api.md", "keys.md", "surprises.md")  # written when the site is built
 PAGES = [ROOT / "README.md", *sorted(p for p in DOCS.rglob("*.md") if p.name not in GENERATED)]
 PAGES += [ROOT / "data_samples" / "README.md"]
 BLOCK = re.compile(r"<!-- (.*?) -->\n```(bash|toml|python)\n(.*?)```(?:\n+```(toml)\n(.*?)```)?", re.S)

@@ -2,58 +2,25 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from functools import cache
-from typing import Any
+
+from jumpvision.base.units import unit_of
 
 from .tree import COMPARISONS, LawError, Node, Step
 
 Dimension = Mapping[str, float]
-"""Exponents of the base dimensions, e.g. {"[length]": 1, "[time]": -1}."""
-_FACTOR = r"(1(?=\s*/)|[^\W\d][^\W\d]*((\^|\*\*)-?\d{1,2}(\.\d{1,4})?)?)"
-UNIT = re.compile(rf"{_FACTOR}(\s*[\s*/]\s*{_FACTOR})*")
-"""Names with powers: what a unit may be written of. More than it would be calculated, 9**9**9**9 for years."""
-LONGEST = 60  # characters of a unit
+"""Exponents of the base units, e.g. {"m": 1, "s": -1}; angles have none."""
 
 
 @cache
 def dimension(unit: str) -> tuple[tuple[str, float], ...]:
-    """Base dimensions of a unit such as `N s^0.5 m^-1.5` ("" or "1": none). LawError where it is none."""
-    text = unit.strip()
-    if text in ("", "1"):
-        return ()
-    import pint
-
+    """Exponents of a unit such as `N s^0.5 m^-1.5` ("" or "1": none). Raises LawError where it is none."""
     try:
-        if len(text) > LONGEST or not UNIT.fullmatch(text):
-            raise ValueError
-        found = _units().parse_units(text).dimensionality
-    except (pint.errors.PintError, AttributeError, ValueError, TypeError, AssertionError):
-        said = text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
-        raise LawError(f"unknown unit '{said}'; write it as N s^0.5 m^-1.5, kg/m^3 or \"\" for none") from None
-    return tuple(sorted((k, float(v)) for k, v in found.items()))
-
-
-@cache
-def factor(unit: str, wanted: str) -> float:
-    """What one `unit` is in units of `wanted`; Newtons is read as newtons. LawError where it is none, or of another
-    dimension."""
-    try:
-        known = dimension(unit)
-    except LawError:
-        unit = unit.lower()
-        known = dimension(unit)
-    if known != dimension(wanted):
-        raise LawError(f"a unit of another dimension than {wanted}")
-    return float(_units().Quantity(1.0, unit.strip()).to(wanted).magnitude)
-
-
-@cache
-def _units() -> Any:
-    import pint
-
-    return pint.UnitRegistry()
+        _, powers = unit_of(unit)
+    except ValueError as e:
+        raise LawError(str(e)) from None
+    return tuple((n, p) for n, p in powers.items() if n != "turn")
 
 
 def check_dimension(law: Node, units: Mapping[str, str], wanted: str) -> None:
@@ -72,11 +39,8 @@ def _differ(a: Dimension, b: Dimension) -> bool:
     return any(abs(a.get(k, 0.0) - b.get(k, 0.0)) > 1e-9 for k in {*a, *b})
 
 
-_SI = {"[mass]": "kg", "[length]": "m", "[time]": "s", "[current]": "A", "[temperature]": "K"}
-
-
 def _words(d: Dimension) -> str:
-    parts = [f"{_SI.get(k, k)}^{v:g}".removesuffix("^1") for k, v in d.items() if abs(v) > 1e-9]
+    parts = [f"{k}^{v:g}".removesuffix("^1") for k, v in d.items() if abs(v) > 1e-9]
     return " ".join(parts) or "1"
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,10 +13,14 @@ from typing import Any
 import numpy as np
 
 from jumpvision.base.arrays import Array
+from jumpvision.base.extras import needed
 from jumpvision.base.schema import InputError, closest
 from jumpvision.engine.study.study import Recording
 
-from .values import track_of, value_of
+from .values import means, track_of, value_of
+
+PARTS = 4  # steps of a driven unit from sample to sample: what is left of holding its inputs falls with their square
+REALS = ("Real", "Float32", "Float64")  # FMPy cuts what is given to another type down to a whole number
 
 
 @dataclass(frozen=True)
@@ -37,12 +41,32 @@ class Fmu:
 
     def __call__(self, p: Mapping[str, float], r: Recording) -> dict[str, Array]:
         folder, description, simulate = _unpacked(self.file)
-        tracks = {place: track_of(name, p, r) for place, name in self.drive.items()}
-        every = np.unique(np.concatenate([t for t, _ in tracks.values()])) if tracks else np.empty(0)
-        columns = {place: np.interp(every, t, x) for place, (t, x) in tracks.items()}
-        given = np.array([*zip(every, *columns.values())], [(n, float) for n in ("time", *columns)]) if tracks else None
         dt = float(np.min(np.diff(r.t)))
-        step = dt / math.ceil(dt / self.step - 1e-9) if self.step else dt
+        unit = description.coSimulation
+        parts = PARTS if self.drive and unit is not None and unit.canHandleVariableCommunicationStepSize else 1
+        step = dt / (math.ceil(dt / self.step - 1e-9) if self.step else parts)
+        n = math.ceil((r.t[-1] - r.t[0]) / step - 1e-9) + 2
+        ends = r.t[0] + step * np.arange(n + 1)
+        variables = {v.name: v for v in description.modelVariables}
+        start = {place: value_of(name, p, r) for place, name in self.model.items()}
+        tracks = {place: track_of(name, p, r) for place, name in self.drive.items()}
+        every = _rows([t for t, _ in tracks.values()]) if unit is None else ends[:-1]
+        columns: dict[str, Array] = {}
+        for place, (t, x) in tracks.items():
+            if variables[place].type not in REALS or variables[place].variability in ("discrete", "tunable"):
+                columns[place] = x[np.maximum(np.searchsorted(t, every + 1e-6 * step, side="right") - 1, 0)]
+            elif unit is not None:  # an input is held over a step: its mean does not lag by half of one
+                columns[place] = means(t, x, ends)
+            else:
+                first = np.diff(every, append=math.inf) == 0.0  # of the two rows of a jump
+                columns[place] = np.where(first, np.interp(-every, -t[::-1], x[::-1]), np.interp(every, t, x))
+        asked: dict[str, Any] = {**start, **columns}
+        for place, value in asked.items():
+            if variables[place].type not in REALS and np.any(value != np.round(value)):
+                kind, name = variables[place].type, {**self.model, **self.drive}[place]
+                raise InputError([f"{self.file}: {place} is of type {kind}: {name!r} must be a whole number there"])
+        rows = [*zip(every, *columns.values())]
+        given = np.array(rows, [(name, float) for name in ("time", *columns)]) if columns else None
         result = simulate(
             folder,
             model_description=description,
@@ -50,7 +74,7 @@ class Fmu:
             stop_time=float(r.t[-1]) + step,
             output_interval=step,
             step_size=step,
-            start_values={place: value_of(name, p, r) for place, name in self.model.items()},
+            start_values=start,
             input=given,
             output=[*self.channels.values()],
         )
@@ -69,9 +93,11 @@ def from_fmu(
 
     channels: {channel: variable of the FMU}. model: {variable: name}, values at the start, parameters and states alike,
     of a parameter of the study or an input of the recording; drive: {input variable: name}, over time: a number, one a
-    time of the recording, or (times, values). step [s]: longest step between outputs, default the recording's shortest;
-    between outputs values are straight lines. Times are the recording's. Raises InputError for a variable that there is
-    not.
+    time of the recording, or (times, values); two rows of one time are a jump. step [s]: longest step, default the
+    recording's shortest, or a quarter of it in a driven unit that may be stepped so; between steps outputs are straight
+    lines. Times are the recording's. A unit for co-simulation holds an input over a step: it is given the mean of the
+    step, and the error falls with the square of `step`. Raises InputError for a variable that there is not, or that
+    cannot be set so.
 
     Example: jv.from_fmu("axis.fmu", {"angle": "load.phi"}, model={"load.J": "inertia"}, drive={"tau": "torque"})
     """
@@ -81,16 +107,41 @@ def from_fmu(
     asked = [*made.channels.values(), *made.model, *made.drive]
     if missing := [n for n in asked if n not in known]:
         raise InputError([f"{file}: no variable {n!r} ({len(known)} are there){closest(n, known)}" for n in missing])
+    variables = {v.name: v for v in description.modelVariables}
+    no_start = [n for n in made.model if not _takes_start(variables[n], description.fmiVersion)]
+    no_input = [n for n in made.drive if (v := variables[n]).causality != "input" and v.variability != "tunable"]
+    if no_start or no_input:
+        raise InputError(
+            [
+                *(f"{file}: model: {n} ({variables[n].causality}) takes no value at the start" for n in no_start),
+                *(f"{file}: drive: {n} ({variables[n].causality}) is no input of the unit" for n in no_input),
+            ]
+        )
     return made
+
+
+def _takes_start(variable: Any, version: str) -> bool:
+    """Return True where FMPy can give a variable its value at the start."""
+    from fmpy import simulation
+
+    if version == "1.0":
+        return bool(simulation.has_start_value(variable))
+    return bool(simulation.settable_in_instantiated(variable) or simulation.settable_in_initialization_mode(variable))
+
+
+def _rows(times: Sequence[Array]) -> Array:
+    """All times of these series, each once, and twice where one of them has a jump; none of no series."""
+    if not times:
+        return np.empty(0)
+    jumps = [t[1:][np.diff(t) == 0.0] for t in times]
+    return np.sort(np.concatenate([np.unique(np.concatenate(times)), np.unique(np.concatenate(jumps))]))
 
 
 @functools.lru_cache(maxsize=8)
 def _unpacked(file: str) -> tuple[str, Any, Any]:
     """Where the unit lies unpacked as long as this process lives, its description, what simulates it."""
-    try:
+    with needed("fmpy", "from_fmu", "fmu"):
         import fmpy
-    except ImportError as e:
-        raise InputError(["from_fmu needs FMPy; install it with: pip install 'jumpvision[fmu]'"]) from e
     import atexit
     import shutil
 

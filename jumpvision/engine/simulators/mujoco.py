@@ -11,14 +11,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
+from jumpvision.base.extras import needed
 from jumpvision.base.schema import InputError, closest
 from jumpvision.engine.study.study import Recording
 
-from .values import series_of, value_of
+from .values import track_of, value_of
 
 PLACE = re.compile(r"(\w+)\.([^.]+)(?:\.(\w+?))?(?:\[(\d+)\])?")  # joint.z.damping, body.foot.xpos[2], sensor.height
+TINY = 1e-9  # of a step: a drive is read within it, and times that differ by less are one
 
 
 @dataclass(frozen=True)
@@ -46,30 +49,45 @@ class MujocoModel:
         for place, name in self.model.items():
             _set(_element(spec, place), place, value_of(name, p, r))
         model = spec.compile()
+        # MuJoCo counts a delay in steps and begins at zero: here the drives' own times are late, and sensors read later
+        lags = {place: _delay(model, place) for place in (*self.channels.values(), *self.drive, self.law) if place}
+        if lags.get(self.law):
+            raise InputError([f"law: {self.law!r} has a delay of {lags[self.law]:g} s; a law acts at once"])
+        _undelay(model)
         data = mujoco.MjData(model)
         read = {c: _reader(data, place) for c, place in self.channels.items()}
+        late = {c: lags[place] for c, place in self.channels.items() if lags[place]}
         state = {s: _reader(data, place) for s, place in self.symbols.items()}
-        drives = [(_writer(data, place), series_of(name, p, r)) for place, name in self.drive.items()]
+        tracks = {place: track_of(name, p, r) for place, name in self.drive.items()}
+        drives = [(_writer(data, place), t + lags[place], x) for place, (t, x) in tracks.items()]
         acts = _writer(data, self.law) if self.law else None
         for place, name in self.start.items():
             _writer(data, place)(value_of(name, p, r))
+        longest, begun = model.opt.timestep, 0.0
+        ends, samples = _ends(r.t, [t[1:][np.diff(t) == 0] for _, t, _ in drives], TINY * longest)
 
         def control(_: Any, now: Any) -> None:  # at every stage of a step: neither drive nor law lags by half of one
-            for write, at in drives:
-                write(at(r.t[0] + now.time))
+            # a jump of a drive lies between two steps: the last stage of the one before does not see it yet
+            h = model.opt.timestep
+            at = r.t[0] + begun + min(max(now.time - begun, TINY * h), h - TINY * h)
+            for write, t, x in drives:
+                write(float(np.interp(at, t, x)))
             if acts is not None and force is not None:
                 acts(force(**{s: get() for s, get in state.items()}))
 
-        longest, out = model.opt.timestep, np.empty((r.t.size, len(read)))
+        out = np.empty((ends.size, len(read)))
+        trace: list[tuple[float, list[float]]] = []
         said: list[str] = []
         mujoco.set_mju_user_warning(said.append)  # else it writes a file into the working folder
         mujoco.set_mjcb_control(control)
         try:
-            for i, dt in enumerate(np.diff(r.t, prepend=r.t[0])):
+            for i, dt in enumerate(np.diff(ends, prepend=ends[0])):
                 steps = math.ceil(dt / longest - 1e-9)
-                model.opt.timestep = dt / steps if steps else longest  # a step ends at every sample
+                model.opt.timestep = dt / steps if steps else longest  # a step ends at every sample and jump
                 for _ in range(steps):
+                    begun = data.time
                     mujoco.mj_step(model, data)
+                    trace.append((begun, [read[c]() for c in late]))  # sensors are those of the beginning of the step
                 mujoco.mj_forward(model, data)
                 out[i] = [get() for get in read.values()]
                 if unstable := [w for w in said if "unstable" in w]:  # MuJoCo starts anew then and goes on
@@ -77,7 +95,10 @@ class MujocoModel:
         finally:
             mujoco.set_mjcb_control(None)
             mujoco.set_mju_user_warning(None)
-        return dict(zip(read, out.T))
+        found = dict(zip(read, out[samples].T))
+        trace.append((data.time, [read[c]() for c in late]))
+        times, values = np.array([t for t, _ in trace]), np.array([v for _, v in trace])
+        return found | {c: np.interp(r.t - r.t[0] - late[c], times, values[:, k]) for k, c in enumerate(late)}
 
 
 def from_mujoco(
@@ -99,12 +120,18 @@ def from_mujoco(
     values)). law: where the study's laws act, and what its symbols are: ("joint.hip.qfrc_applied", {"v":
     "joint.hip.qvel"}).
 
-    Every sample is the end of a step; none is longer than the XML's timestep. `integrator="RK4"` in the XML is to be
-    preferred: MuJoCo's default lags half a step in free flight. Raises InputError for a place that there is not, and
-    RuntimeError in a run that becomes unstable.
+    Every sample and every jump of a drive (two rows of one time) is the end of a step; none is longer than the XML's
+    timestep. `integrator="RK4"` in the XML is to be preferred: MuJoCo's default lags half a step in free flight. Delays
+    of actuators and sensors are taken in continuous time, whatever the XML's nsample; before the start they held what
+    they hold at the start. `dampratio` becomes a gain as the XML is compiled, by that run's masses: a fit of a mass
+    changes the servo's damping with it, unless the XML gives kv. Raises InputError for a place that there is not and
+    for a sensor among the symbols of a law, which RK4 does not compute anew within a step; RuntimeError in a run that
+    becomes unstable.
 
     Example: jv.from_mujoco("arm.xml", {"angle": "joint.hip.qpos"}, model={"joint.hip.damping": "b"})
     """
+    if sensed := [place for place in law[1].values() if place.startswith("sensor.")]:
+        raise InputError([f"law: {p!r}: a law reads the state, as joint.NAME.qvel, body.NAME.xpos[2]" for p in sensed])
     made = MujocoModel(str(xml), dict(channels), model or {}, start or {}, drive or {}, law[0], dict(law[1]))
     spec = _spec(made.xml, tuple(made.model))
     for place in made.model:
@@ -117,10 +144,8 @@ def from_mujoco(
 
 
 def _mujoco() -> Any:
-    try:
+    with needed("mujoco", "from_mujoco", "mujoco"):
         import mujoco
-    except ImportError as e:
-        raise InputError(["from_mujoco needs MuJoCo; install it with: pip install 'jumpvision[mujoco]'"]) from e
     return mujoco
 
 
@@ -132,6 +157,29 @@ def _spec(xml: str, places: tuple[str, ...]) -> Any:
         return load(xml)
     except ValueError as e:
         raise InputError([f"the MuJoCo model {xml[:60]!r} cannot be read: {e}"]) from None
+
+
+def _ends(t: Array, jumps: Sequence[Array], least: float) -> tuple[Array, NDArray[np.intp]]:
+    """Where steps end: at all times t (n,) [s] and at the jumps between them; which of the ends are t's."""
+    ends = np.unique(np.concatenate([t, *jumps]))
+    ends = ends[(ends >= t[0]) & (ends <= t[-1]) & (np.diff(ends, append=math.inf) > least)]
+    return ends, np.searchsorted(ends, t - least)
+
+
+def _delay(model: Any, place: str) -> float:
+    """The delay of the actuator that a place controls, or of the sensor that it is [s]; 0 of another place."""
+    kind, name, field, _ = _parts(place)
+    if (kind, field) not in (("actuator", "ctrl"), ("sensor", "data")) or not hasattr(model, "actuator_delay"):
+        return 0.0  # MuJoCo before 3.5 has no delays
+    return float(getattr(model, f"{kind}_delay")[getattr(model, kind)(name).id])
+
+
+def _undelay(model: Any) -> None:
+    """Take all delays out of a compiled model; sensors with a period go on to hold what they read."""
+    if hasattr(model, "actuator_delay"):
+        model.actuator_history[:, 0] = 0
+        model.sensor_history[model.sensor_interval[:, 0] <= 0, 0] = 0
+        model.sensor_delay[:] = 0.0
 
 
 def _parts(place: str) -> tuple[str, str, str, int]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -21,27 +21,32 @@ def value_of(name: str, parameters: Mapping[str, float], recording: Recording) -
 
 
 def track_of(name: str, parameters: Mapping[str, float], recording: Recording) -> tuple[Array, Array]:
-    """A number over time as times (n,) [s] and values (n,): constant, one at every recording.t, or (times, values).
-    Raises InputError."""
+    """A number over time as times (n,) [s] and values (n,): constant, one at every recording.t, or (times, values); two
+    rows of one time are a jump. Raises InputError."""
     value, t = _found(name, parameters, recording), recording.t
     if np.ndim(value) == 0:
         return t[[0, -1]], np.full(2, float(value))
     times, values = value if isinstance(value, tuple) and len(value) == 2 else (t, value)
     times, values = np.asarray(times, float), np.asarray(values, float)
-    if times.shape != values.shape or times.ndim != 1 or not np.all(np.diff(times) > 0):
+    if times.shape != values.shape or times.ndim != 1 or not np.all(np.diff(times) >= 0):
         raise InputError(
             [
                 f"recording {recording.name!r}: inputs[{name!r}] {np.shape(value)} must be a number, one at each of "
-                f"the {t.size} times, or (times, values) with times that increase"
+                f"the {t.size} times, or (times, values) with times that do not go back"
             ]
         )
     return times, values
 
 
-def series_of(name: str, parameters: Mapping[str, float], recording: Recording) -> Callable[[float], float]:
-    """The same at any time [s]: straight between the times, kept before the first and after the last."""
-    times, values = track_of(name, parameters, recording)
-    return lambda t: float(np.interp(t, times, values))
+def means(times: Array, values: Array, ends: Array) -> Array:
+    """Return means of a series between successive `ends` (n + 1,) [s]: straight between its rows, kept outside."""
+    times = np.concatenate([[min(times[0], ends[0]) - 1.0], times, [max(times[-1], ends[-1]) + 1.0]])
+    values = values[[0, *range(values.size), -1]]
+    whole = np.concatenate([[0.0], np.cumsum(np.diff(times) * 0.5 * (values[1:] + values[:-1]))])
+    k = np.searchsorted(times, ends, side="right") - 1
+    since = ends - times[k]
+    slope = (values[k + 1] - values[k]) / (times[k + 1] - times[k])
+    return np.diff(whole[k] + since * (values[k] + 0.5 * slope * since)) / np.diff(ends)
 
 
 def _found(name: str, parameters: Mapping[str, float], recording: Recording) -> Any:

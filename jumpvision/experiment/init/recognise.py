@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import math
 import re
 import warnings
@@ -13,8 +14,10 @@ from typing import Any
 
 from jumpvision.base.arrays import Image
 from jumpvision.base.schema import InputError, StageWarning
+from jumpvision.base.units import factor
 from jumpvision.experiment.inputs.channels import READERS as CHANNELS
 from jumpvision.experiment.inputs.held import Channel
+from jumpvision.experiment.inputs.logs import preamble
 from jumpvision.experiment.inputs.tracker import is_tracker, tracker
 from jumpvision.films.frames import Film, FrameError, open_frames
 from jumpvision.films.frames.opening import READERS
@@ -153,7 +156,7 @@ def recognised(folder: Path, name: str, section: str | None) -> Recording:
 
 def _table(path: Path, name: str) -> Recording:
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as f:
-        first = f.readline().strip()
+        first = next(itertools.islice(f, preamble(path), None), "").strip()
     header = [c.strip() for c in next(csv.reader([first]), [])]
     if (section := _log_with(header)) is not None:
         return Recording(section, name, f"columns {', '.join(header)}")
@@ -205,16 +208,10 @@ def _by_unit(held: Sequence[Channel], timed: bool) -> tuple[str, dict[str, str]]
     return "intrusion_log", {"depth_m": found["position_m"], "force_N": found["force_N"]}
 
 
-SPELT = {"newton": "N", "newtons": "N", "meter": "m", "meters": "m", "metre": "m", "metres": "m"}
-
-
 def _is_unit(stated: str, unit: str) -> bool:
-    from jumpvision.engine.laws.dimension import factor
-    from jumpvision.engine.laws.tree import LawError
-
     try:
-        return bool(stated) and factor(SPELT.get(stated.lower(), stated), unit) > 0
-    except LawError:
+        return bool(stated) and factor(stated, unit) > 0
+    except ValueError:
         return False
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jumpvision.base.arrays import AnyArray
+from jumpvision.base.extras import needed
 from jumpvision.base.schema import InputError
 
 from .bags import bag
@@ -26,10 +27,8 @@ UNPACKED = 1e9  # bytes of a log in memory, when it is decompressed
 
 def tdms(path: Path, asked: Collection[str]) -> Held:
     """Channels `Group/Channel`, or `Channel` where no other has that name."""
-    try:
+    with needed("nptdms", f"{path}: reading TDMS", "tdms"):
         from nptdms import TdmsFile
-    except ImportError as e:
-        raise InputError([f"{path}: reading TDMS needs nptdms; install it with: pip install 'jumpvision[tdms]'"]) from e
     try:
         # an open file, so that no index beside it is believed
         with path.open("rb") as stream, TdmsFile.open(stream) as file:
@@ -156,12 +155,8 @@ def _gather(group: Any, h5py: Any, sets: list[h5py.Dataset], path: Path, depth: 
 
 def _modern(path: Path) -> Iterator[tuple[str, AnyArray]]:
     """MAT 7.3, which is HDF5 with its dimensions in reverse order."""
-    try:
+    with needed("h5py", f"{path}: reading MAT 7.3 (but not what is saved with -v7)", "hdf5"):
         import h5py
-    except ImportError as e:
-        raise InputError(
-            [f"{path}: reading MAT 7.3 needs h5py; install it with: pip install 'jumpvision[hdf5]', or save with -v7"]
-        ) from e
     from jumpvision.films.frames.arrays import elsewhere
 
     sets: list[h5py.Dataset] = []

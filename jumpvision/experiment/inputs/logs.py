@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import time
 from collections.abc import Collection, Mapping
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from jumpvision.base.schema import InputError, closest
 from jumpvision.base.storage import irregular, settled, stamp
+from jumpvision.base.units import factor
 
 from .channels import BAGS, READERS
 from .held import Channel, Held, tell
@@ -78,6 +80,7 @@ def _read(
         raise InputError([f"{path}: channels of one log must have as many values: {lengths}"])
     if rows[columns[0]] < at_least:
         raise InputError([f"{path}: {rows[columns[0]]} rows; at least {at_least} are needed"])
+    saved = " of the channels saved as CSV" if path.suffix.lower() in READERS else ""  # no editor opens those
     problems, out = [], {}
     for c, channel in raw.items():
         cells = pd.Series(channel.values)
@@ -90,7 +93,7 @@ def _read(
             more = f" (and {bad.size - 1} rows more)" if bad.size > 1 else ""
             problems.append(
                 f"{path}: row {bad[0] + 1}, {channel.name} = '{cells.iloc[bad[0]]}'{more}: must be a finite number; "
-                "correct the value or delete the row"
+                f"correct the value or delete the row{saved}"
             )
         out[c] = values * _factor(path, c, channel)
     time = out[columns[0]]
@@ -100,7 +103,7 @@ def _read(
         what = "repeats" if time[i + 1] == time[i] else "goes back"
         problems.append(
             f"{path}: row {i + 2}, {columns[0]} = {time[i + 1]:g} after {time[i]:g}: time {what}; "
-            "it must increase from row to row: sort the rows and remove duplicates"
+            f"it must increase from row to row: sort the rows and remove duplicates{saved}"
         )
     if problems:
         raise InputError(problems)
@@ -199,8 +202,6 @@ def _split(name: str) -> tuple[str, str]:
 
 
 def _is_unit(word: str) -> bool:
-    from jumpvision.engine.laws.dimension import factor
-
     try:
         return factor(word, word) > 0
     except ValueError:
@@ -212,12 +213,9 @@ def _factor(path: Path, column: str, channel: Channel) -> float:
     _, mark, unit = column.rpartition("_")
     if not channel.unit or not mark or channel.unit == unit:
         return 1.0
-    from jumpvision.engine.laws.dimension import factor
-    from jumpvision.engine.laws.tree import LawError
-
     try:
         return factor(channel.unit, unit)
-    except LawError as e:
+    except ValueError as e:
         named = channel.name if channel.name.endswith(")") else _split(channel.name)[0]
         raise InputError(
             [
@@ -252,6 +250,7 @@ def _table(path: Path, asked: Collection[str], columns: tuple[str, ...]) -> Held
         raw = pd.read_csv(
             path,
             header=None,
+            skiprows=preamble(path),
             dtype=str,
             skipinitialspace=True,
             encoding="utf-8-sig",
@@ -274,6 +273,12 @@ def _table(path: Path, asked: Collection[str], columns: tuple[str, ...]) -> Held
         raise InputError([f"{path}: column {n} is there {header.count(n)} times; rename or remove one" for n in twice])
     rows = raw[1:].reset_index(drop=True)
     return Held(header, {n: Channel(n, rows[header.index(n)].to_numpy()) for n in asked if n in header})
+
+
+def preamble(path: Path) -> int:
+    """Lines before the header: comments of a measuring program (#), and the line that tells Excel its separator."""
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        return sum(1 for _ in itertools.takewhile(lambda line: line.startswith(("#", "sep=")), file))
 
 
 def _refuse_swallowed(path: Path, raw: pd.DataFrame) -> None:

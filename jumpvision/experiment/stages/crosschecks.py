@@ -205,6 +205,7 @@ def contact(name: str, motion: Motion, found: Flights, t: Array, touches: Array,
         return
     whole = np.flatnonzero(np.isfinite(found.time) & (found.lift_off >= t[0]) & (found.landing <= t[-1]))
     if not whole.size:
+        yield from _not_logged(name, found, t, touches, soft)
         return
     said = contact_flights(t, touches, debounce=0.005)  # s for which a switch may bounce
     inside = _within(t, found)
@@ -220,7 +221,23 @@ def contact(name: str, motion: Motion, found: Flights, t: Array, touches: Array,
             {"air_in_flight": flying, "air_on_the_ground": standing},
         )
         return
-    yield from _same_flight(name, motion, found, int(longest), said, t, touches, soft)
+    told = list(_same_flight(name, motion, found, int(longest), said, t, touches, soft))
+    yield from told or _not_logged(name, found, t, touches, soft)
+
+
+def _not_logged(name: str, found: Flights, t: Array, touches: Array, soft: float) -> Iterator[StageWarning]:
+    """Flights of the track in which the contact log never says in the air, because it ends, sticks, or is another's."""
+    whole = [(up, down) for up, down in zip(found.lift_off, found.landing) if down - up > max(SHORTEST, 4.0 * soft)]
+    lost = [up for up, down in whole if touches[(t > up) & (t < down)].all()]  # also where there is no row
+    if lost:
+        ends = f"it ends at {t[-1]:.3g} s" if lost[0] > t[-1] else f"{touches.mean():.0%} of its rows are 1"
+        yield StageWarning(
+            "differs",
+            f"[contact_log] shows none of {len(lost)} of the {len(whole)} flights of [{name}], the first at "
+            f"{lost[0]:.3g} s: {ends}; was it cut off, does the switch stick, or is it of another jump?",
+            "contact_log",
+            {"contact_flights": float(len(whole) - len(lost)), "track_flights": float(len(whole))},
+        )
 
 
 def _within(t: Array, flights: Flights) -> NDArray[np.bool_]:

@@ -98,7 +98,7 @@ class Hdf5Film(Film):
         self._axes = axes
         try:
             import h5py
-        except ImportError as error:
+        except ModuleNotFoundError as error:
             raise FrameError(
                 f"{path}: reading HDF5 needs h5py; install it with: pip install 'jumpvision[hdf5]'"
             ) from error
