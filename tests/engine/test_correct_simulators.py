@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import later
+from shared import later
 from scipy.linalg import expm
 
 import jumpvision as jv

@@ -64,6 +64,23 @@ def test_a_delay_is_as_long_at_every_rate(rate):
     assert np.allclose(found["read"], place(t - 0.0305), atol=1.5 * 2e-3**2 / 8 + 1e-9)
 
 
+@pytest.mark.surprise(
+    package="mujoco",
+    version="4.0.0",
+    behaviour="an actuator's exact lag (`filterexact`, `<position timeconst>`) makes RK4 first order",
+    here="integrates the lag of such an actuator by RK4 as all else",
+)
+def test_an_exact_lag_keeps_the_order_of_rk4():
+    """2 x'' = a, tau a' = 3 - a: errors of RK4 are of order (h / tau)^4 = 2.6e-6 of x; MuJoCo's own are h / tau."""
+    tau = 0.05
+    lag = FREE.replace("<motor", '<general dyntype="filterexact" dynprm="0.05"')
+    run = jv.from_mujoco(
+        lag.format(actuator="", sensor=""), {"x": "joint.x.qpos"}, drive={"actuator.pull.ctrl": "force"}
+    )
+    x = 1.5 * (T**2 / 2 - tau * T + tau**2 * (1.0 - np.exp(-T / tau)))
+    assert np.allclose(run({}, recording(force=3.0))["x"], x, atol=2.6e-6 * x[-1])
+
+
 def test_what_is_delayed_was_before_the_start_what_it_is_then():
     """At rest at 0.3 m: the sensor reads 0.3 from the first sample on, and the motor has its constant force."""
     run = free({"read": "sensor.place"}, sensor=LATE["sensor"], start={"joint.x.qpos": "x0"})

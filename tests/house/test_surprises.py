@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from conftest import ROOT
+from shared import ROOT
 
 
 def test_every_mark_is_a_row(monkeypatch):

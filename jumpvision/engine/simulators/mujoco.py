@@ -54,6 +54,9 @@ class MujocoModel:
         if lags.get(self.law):
             raise InputError([f"law: {self.law!r} has a delay of {lags[self.law]:g} s; a law acts at once"])
         _undelay(model)
+        exact, lag = mujoco.mjtDyn.mjDYN_FILTEREXACT, mujoco.mjtDyn.mjDYN_FILTER
+        if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:  # whose stages do not see the exact lag's change
+            model.actuator_dyntype[model.actuator_dyntype == exact] = lag
         data = mujoco.MjData(model)
         read = {c: _reader(data, place) for c, place in self.channels.items()}
         late = {c: lags[place] for c, place in self.channels.items() if lags[place]}
