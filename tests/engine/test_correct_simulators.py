@@ -7,8 +7,8 @@ import sys
 
 import numpy as np
 import pytest
-from shared import later
 from scipy.linalg import expm
+from shared import later
 
 import jumpvision as jv
 
