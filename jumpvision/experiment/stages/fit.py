@@ -78,7 +78,7 @@ def needs_of_fit(experiment: Experiment, law: Actuation | None) -> list[str]:
     return needs_of_law(law) if MOVING & experiment.sections.keys() else []
 
 
-@stage(version=18, any_of=("rod", "contact", "column", "flow", "intrusion", "spring", "log"), needs=needs_of_fit)
+@stage(version=19, any_of=("rod", "contact", "column", "flow", "intrusion", "spring", "log"), needs=needs_of_fit)
 def fit(experiment: Experiment, given: Recordings, *, p: FitParams) -> Fits:
     """Ring-down, flights, spring, column profile, jammed front, actuator: every fit with its uncertainty.
 

@@ -42,7 +42,7 @@ def needs_of_piv(film: GrainVideo | None) -> list[str]:
     return lacking(film, "pair_time") if film and film.pairs else []
 
 
-@stage(version=20, any_of=("film", "field"), needs=needs_of_piv)
+@stage(version=21, any_of=("film", "field"), needs=needs_of_piv)
 def piv(
     film: GrainVideo | None,
     field: PivField | None,
