@@ -137,9 +137,10 @@ def simulators(tmp_path_factory):
     pytest.importorskip("fmpy")
     builder = pytest.importorskip("pythonfmu.builder")
     folder = tmp_path_factory.mktemp("machines")
-    (folder / "unit.py").write_text(UNIT)
+    # FMUs of one process share its modules: of two files of one name the first is run
+    (folder / "machine_unit.py").write_text(UNIT)
     (folder / "program.py").write_text(PROGRAM)
-    unit = builder.FmuBuilder.build_FMU(folder / "unit.py", dest=folder)
+    unit = builder.FmuBuilder.build_FMU(folder / "machine_unit.py", dest=folder)
     mujoco = jv.from_mujoco(
         XML,
         {"x": "sensor.place"},
