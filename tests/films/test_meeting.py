@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 
 import numpy as np
@@ -10,6 +11,9 @@ from scipy.special import ndtr
 
 import jumpvision as jv
 from jumpvision.films.vision.ball.background import Background
+from jumpvision.films.vision.ball.moving import Spot, paths
+from jumpvision.films.vision.ball.pieces import in_pieces
+from jumpvision.films.vision.ball.track import BallTrack
 
 H, W, D, N = 240, 330, 16.0, 30
 
@@ -61,6 +65,26 @@ def test_a_pixel_whose_scene_has_the_balls_own_grey_is_no_data():
     image = np.array([[50.0, 90.0, 60.0]])
     assert np.isnan(Background(scene, 10.0, 100.0, blind=True).removed(image)).tolist() == [[False, True, False]]
     assert np.isfinite(Background(scene, 10.0, 100.0).removed(image)).all()
+
+
+def test_paths_that_exchanged_their_first_spots_have_their_own():
+    """Two cross in frame 1, where neither is seen: from frame 0 each way seems to lead to the other's."""
+    t = np.arange(18)
+    ours = np.stack([248.0 - 14.0 * t, 309.0 - 54.0 * t + 2.95 * t**2], axis=1)
+    other = np.stack([270.0 - 35.5 * t, 309.0 - 48.0 * t + 2.1 * t**2], axis=1)[:8]
+    spots = {i: [Spot(i, *at[i], D, 100.0, None) for at in (other, ours) if i < len(at)] for i in t if i != 1}  # type: ignore[arg-type]
+    found = paths(spots)
+    whose = [[bool(math.dist(ours[s.i], (s.x, s.y)) < 1.0) for s in path] for path in found]
+    assert len(found) == 2 and all(len(set(w)) == 1 for w in whose)
+    assert {w[0]: len(p) for w, p in zip(whose, found)}[True] >= 16
+
+
+def test_a_ball_at_rest_before_it_is_thrown_is_no_stray():
+    k = np.maximum(np.arange(20) - 2.0, 0.0)
+    x, y = 96.0 + 32.0 * k, 188.0 - 26.0 * k + 1.5 * k**2
+    flat = np.full(20, 1.0)
+    made = BallTrack(x, y, 0.02 * flat, 20.0 * flat, flat, np.full(20, "", "U1"))
+    assert in_pieces(made, True) is made
 
 
 @pytest.mark.parametrize("other", [None, toss(300.0, 30.0, -2.0, 6.0)])

@@ -12,6 +12,7 @@ import pytest
 from jumpvision.experiment.init.recognise import by_picture
 from jumpvision.films.arrays.track import track as of_arrays
 from jumpvision.films.vision.ball.track import BallSettings, track_ball
+from jumpvision.films.vision.ball.validate import validated
 
 H, W, D = 200, 300, 14.0
 FINE = 5
@@ -142,6 +143,23 @@ def test_a_ball_is_not_taken_for_its_like_that_was_seen_beside_it(back):
     assert (t.flag[:10] == "").all() and np.nanmax(off) < 0.1
     assert ((t.flag[15:] == "") == back).all()
     assert back or any("seen beside the one before" in f for f in t.flag)
+
+
+def test_frames_on_a_smudge_are_flagged():
+    """A track that goes on at a smudge after its ball has left the picture: the same is there in the frames before."""
+    rng = np.random.default_rng(4)
+    behind = scene(ruler=False) + 150.0 * cover(200.0, 60.0, D)
+    truth = np.stack([40.0 + 6.0 * np.arange(20), np.full(20, 150.0)], axis=1)
+    frames = film(truth, rng, behind=behind)
+    wrong = np.arange(20) >= 14
+    frames[wrong] = np.clip(np.rint(behind + rng.normal(0, 1.0, (6, H, W))), 0, 255)
+    settings = BallSettings(D, "bright", "disc", 1.5, tuple(truth[0]), False, 0.0)
+    t = track_ball(frames, **vars(settings))
+    x, y = np.where(wrong, 200.0, truth[:, 0]), np.where(wrong, 60.0, truth[:, 1])
+    sigma, size, chi2 = (np.where(wrong, v[0], v) for v in (t.sigma, t.diameter, t.chi2))
+    out = validated(type(t)(x, y, sigma, size, chi2, np.full(20, "")), list(frames), settings)
+    assert all("the same stands here in frame" in f for f in out.flag[wrong])
+    assert (out.flag[~wrong] == "").all() and np.isnan(out.x[wrong]).all()
 
 
 def test_what_was_clicked_on_a_ball_of_two_tones_that_turns_is_followed():

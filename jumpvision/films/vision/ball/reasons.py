@@ -35,7 +35,6 @@ class Reason(Enum):
     LEFT = "lost: left the image"
     HIDDEN = "lost: hidden"
     OTHER_BALL = "lost: at another ball"
-    UNSURE = "doubt: probability {:.2f}, against a path with {}"
     # of a target that is followed as a picture
     ONE_GREY = "lost: nothing but one grey at track.seed"
     NO_TARGET = "lost: no target found within track.search"
