@@ -61,6 +61,7 @@ class Run:
     plan: Plan
     outcomes: list[Outcome]
     diagnosis: Diagnosis | None = None
+    undiagnosed: str = ""  # why the model could not be tested where that was tried
     files: list[Path] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)  # on what earlier runs left
     shown: bool = False  # the watcher has shown what was found
@@ -111,8 +112,9 @@ def run_folder(
     """Run the plan on every experiment, write what only a campaign shows, question its model; then draw the pictures.
 
     workers: processes at a time; of a single experiment they share a long film.
-    ask: question the model; None: where everything is run and there are enough jumps. draw: of the diagnosis' picture;
-    pictured: whether it is put among the results.
+    ask: question the model, InputError where that cannot be done; None: where everything is run and there seem to be
+    enough jumps, and the run says why it could not. draw: of the diagnosis' picture; pictured: whether it is put among
+    the results.
     say: is told what the questioning finds on its way.
     beside: entered while the model is questioned, with the outcomes that nothing is left to draw of.
     """
@@ -130,18 +132,24 @@ def run_folder(
 
             by_name = {o.name: o for o in run.outcomes}
             drawn = [o for o in run.outcomes if not o.undrawn]
-            with beside(campaign, drawn) if beside else nullcontext():
-                run.diagnosis, run.files = question(
-                    campaign,
-                    by_name,
-                    plan.results,
-                    plan.cache,
-                    workers=workers,
-                    draw=draw,
-                    pictured=pictured,
-                    say=say,
-                    fresh=plan.fresh,
-                )
+            try:
+                with beside(campaign, drawn) if beside else nullcontext():
+                    run.diagnosis, run.files = question(
+                        campaign,
+                        by_name,
+                        plan.results,
+                        plan.cache,
+                        workers=workers,
+                        draw=draw,
+                        pictured=pictured,
+                        say=say,
+                        fresh=plan.fresh,
+                    )
+            except InputError as e:
+                if ask:
+                    raise
+                run.undiagnosed = f"not diagnosed: {'; '.join(e.problems)}"
+                say(run.undiagnosed)
         run.files += _craters(run)
         if watcher is not None:
             watcher.found(run)

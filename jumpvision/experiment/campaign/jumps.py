@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from jumpvision.base.arrays import Array
+from jumpvision.base.numbers import counted
 from jumpvision.base.schema import InputError, WarningRecord, read, warnings_in
 from jumpvision.engine.priors import Measured
 from jumpvision.experiment.inputs.experiment import Campaign, Experiment
@@ -103,8 +104,8 @@ def load_jumps(
     if len(jumps) < FEWEST or len(conditions) < CONDITIONS:
         raise InputError(
             [
-                f"diagnose: {len(jumps)} jumps of {len(conditions)} conditions; at least {FEWEST} of {CONDITIONS} are "
-                "needed" + "".join(f"; left out: {why}" for why in left_out)
+                f"{counted(len(jumps), 'jump')} of {counted(len(conditions), 'condition')}; at least {FEWEST} of "
+                f"{CONDITIONS} are needed" + "".join(f"; left out: {why}" for why in left_out)
             ]
         )
     return _conditioned(jumps), left_out, warned

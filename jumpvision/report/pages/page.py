@@ -94,10 +94,12 @@ def write_campaign(
     mark: str,
     *,
     draws: str,
+    undiagnosed: str = "",
 ) -> None:
     """Render the page of a campaign.
 
-    warned: its doubts, in sentences; mark: for the page's head; draws: the command that draws all pages' pictures.
+    warned: its doubts, in sentences; mark: for the page's head; draws: the command that draws all pages' pictures;
+    undiagnosed: why its model could not be tested.
     """
     from jumpvision.experiment.campaign.measured.actuator import actuator_bandwidth, driven
     from jumpvision.experiment.campaign.measured.craters import measured_in, zero_crossing
@@ -113,6 +115,7 @@ def write_campaign(
     motors = driven(campaign, outcomes)
     swept = len({r.frequency for r in motors}) > 2
     sentence, facts = campaign_words(rows, diagnosis, crossing, len(intruded))
+    sentence += f" {undiagnosed[:1].upper()}{undiagnosed[1:]}." if undiagnosed else ""
     jumps = [r.cells() for r in rows]
     truth = Truth.of(campaign)
     links = {o.name: f"{quote(o.name)}/{files.REPORT}" for o in outcomes if o.results.is_dir()}
