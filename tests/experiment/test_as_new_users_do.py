@@ -5,6 +5,12 @@ from __future__ import annotations
 import csv
 import re
 
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from scipy import ndimage
+
+import jumpvision as jv
 from tests.worlds.small import edit, run_here, write_campaign
 
 # -- a campaign that cannot be diagnosed ----------------------------------------------------------------------
@@ -27,3 +33,36 @@ def test_a_campaign_that_cannot_be_diagnosed_ends_with_its_table_and_page(tmp_pa
     assert len(rows) == 5 and sum(bool(r["jump_height_m"]) for r in rows) >= 4
     assert f"Not diagnosed: {why}" in (results / "report.html").read_text()
     assert (results / "campaign.json").exists() and not (results / "diagnosis.json").exists()
+
+
+# -- velocity fields without a rate ----------------------------------------------------------------------------
+
+
+def pattern(shift: float = 0.0) -> np.ndarray:
+    """Speckle of 96 x 128 px, moved to the right by whole px."""
+    wide = ndimage.gaussian_filter(np.random.default_rng(3).standard_normal((96, 512)), 1.5)
+    return 120.0 + 60.0 * np.roll(wide, round(shift), axis=1)[:, 192:320] / wide.std()
+
+
+@pytest.mark.parametrize("scale, length", [(None, "px"), (1e-4, "m")])
+@pytest.mark.parametrize("frame_rate, time", [(None, "frame"), (100.0, "s")])
+def test_without_a_rate_everything_is_per_frame(tmp_path, frame_rate, time, scale, length):
+    """A shift of 2 px: the units of field, flow, mean, plot and export are one, and the value is in them."""
+    frames = np.stack([pattern(2 * k) for k in range(5)])
+    field = jv.piv(frames, frame_rate=frame_rate, scale=scale, window=32, step=16)
+    speed = 2.0 * (scale or 1.0) * (frame_rate or 1.0)
+    assert abs(float(field.u.median()) / speed - 1.0) < 0.01
+    assert field.attrs["delta_t"] == pytest.approx(1.0 / (frame_rate or 1.0))
+    assert (field.t.units, field.u.units, field.v_sigma.units) == (time, f"{length}/{time}", f"{length}/{time}")
+    assert {v.units for v in jv.flow(field).data_vars.values()} == {f"1/{time}"}
+    mean = jv.statistics([field.isel(t=k) for k in (0, 1, 2, 3) * 3])
+    assert (mean.u.units, mean.uv.units, mean.vorticity.units) == (
+        f"{length}/{time}",
+        f"{length}^2/{time}^2",
+        f"1/{time}",
+    )
+    axis = jv.plot(field, "speed", axis=Figure().subplots())
+    assert [a.get_ylabel() for a in axis.figure.axes if a is not axis] == [f"speed [{length}/{time}]"]
+    assert axis.get_title().endswith(f" {time}")
+    (file,) = jv.export(field, tmp_path / "field.csv")
+    assert file.read_text().splitlines()[0].startswith(f"t_{time},y_{length},x_{length},u_{length}_{time},")

@@ -37,12 +37,11 @@ def piv(
     """Velocity field from frame a to frame b, or of every neighbouring pair of the frames a (n, H, W) or a sequence.
 
     Images (H, W) grey, of any number type, or paths, of two pictures or of a film; masked, infinite and NaN pixels are
-    left out; gain and offset of decimals do not matter. frame_rate [1/s]: default the film's own, else one frame a
-    second, so that speeds are px per frame. scale [m/px]: speeds are
-    in m/s and places in m with it, in px without. mask (H, W), or (n, H, W) of every frame: True where usable.
+    left out; gain and offset of decimals do not matter. frame_rate [1/s]: default the film's own; of arrays without it
+    times are in frames and speeds per frame. scale [m/px]: places and speeds are in m with it, in px without. mask
+    (H, W), or (n, H, W) of every frame: True where usable.
     pairs="AB": double exposures A1, B1, A2, B2, ...: A is matched with its own B alone, `ensemble` takes whole pairs
-    together, frame_rate is that of the pairs and pair_time [s] from A to B (default without a frame_rate: 1 s, so that
-    speeds are px per pair).
+    together, frame_rate is that of the pairs and pair_time [s] from A to B (without both: from A to B is a frame).
     parameters: those of [params.piv], such as window=32, step=8.
 
     Data set over (y, x), with t before them where there are more than two frames: u right, v up, u_sigma, v_sigma,
@@ -54,7 +53,7 @@ def piv(
     p = of_keywords(PivParams, parameters, folder=("foot_rows",), frame_rate=frame_rate or 1.0)
     film = film_at(a, frame_rate) if b is None and isinstance(a, str | os.PathLike) else None
     given = grey_images("piv", film or (a if b is None else (a, b)))
-    known_rate = frame_rate is not None or (film is not None and pairs == "each")
+    known_rate = frame_rate is not None or (film is not None and pairs == EACH)
     if not frame_rate:
         frame_rate = film.rate if film else 1.0
     if len(given) <= p.gap:
@@ -63,13 +62,14 @@ def piv(
     masks = both(usable_of(mask, given), usable_pixels(given))
     frames = in_grey(given)
     light = light_of(frames, stride, p)
-    head = header(time, frames[0].shape, Places("images", scale, 0.0, 0.0, 0.0), stride, p)
+    at = Places("images", scale, 0.0, 0.0, 0.0, "s" if known_rate or pair_time else "frame")
+    head = header(time, frames[0].shape, at, stride, p)
     lit = (light(frame, k) for k, frame in enumerate(frames))
     coded, said = coding(film, frames)
     if said:
         warnings.warn(StageWarning("frames", said), stacklevel=2)
     apart = float(time[p.gap] - time[0])
-    fields = [velocities(f, scale, apart) for f in fields_of(lit, masks, stride, p, coded)]
+    fields = [velocities(f, at, apart) for f in fields_of(lit, masks, stride, p, coded)]
     if not any(np.isfinite(f.u).any() for f in fields):
         raise ValueError(f"piv: no vector in the field: {reasons(fields[0])}")
     whole = xr.concat(fields, dim="t").assign_coords(head.coords).assign_attrs(head.attrs)

@@ -12,7 +12,7 @@ import xarray as xr
 from jumpvision.base.arrays import Array
 from jumpvision.experiment.inputs.parameters import ProfilesParams, StatisticsParams
 from jumpvision.experiment.inputs.sections import NotApplicable
-from jumpvision.experiment.results.fields import Flow, Piv, Planes, Statistics, unit_of
+from jumpvision.experiment.results.fields import Flow, Piv, Planes, Statistics, rate_of, unit_of
 from jumpvision.experiment.results.tables import Profiles
 from jumpvision.experiment.workflow.stage import stage
 from jumpvision.films.grains.steady import Memory, Velocities, independent, steady
@@ -35,15 +35,15 @@ def statistics(piv: Piv, flow: Flow, *, p: StatisticsParams) -> Statistics:
     if chosen.sizes["t"] < 10:  # of fewer the scatter of a mean is not known
         raise NotApplicable([f"statistics: {chosen.sizes['t']} fields; a mean needs 10"])
     found = steady(of_times(chosen), *(Memory.of(x) for x in remembered(chosen)))
-    unit = unit_of(field.u)
-    square = f"{unit.split('/')[0]}^2/s^2"
+    unit, rate = unit_of(field.u), rate_of(field)
+    square = unit.replace("/", "^2/") + "^2"
     values: dict[str, tuple[Array, str]] = {
         **{n: (getattr(found, n), unit) for n in ("u", "v", "u_sigma", "v_sigma")},
         **{n: (getattr(found, n), square) for n in ("uu", "vv", "uv", "uu_sigma", "vv_sigma", "uv_sigma")},
         "u_rms": (np.sqrt(np.maximum(found.uu, 0.0)), unit),
         "v_rms": (np.sqrt(np.maximum(found.vv, 0.0)), unit),
         "tke": (0.5 * (found.uu + found.vv), square),
-        **{n: (a, "1/s") for n, a in zip(("vorticity", "vorticity_sigma"), mean_of(flow.field.vorticity, chosen.t))},
+        **{n: (a, rate) for n, a in zip(("vorticity", "vorticity_sigma"), mean_of(flow.field.vorticity, chosen.t))},
         "n": (found.n, "1"),
     }
     data = xr.Dataset(
