@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+import warnings
 
 import numpy as np
 import pytest
@@ -39,10 +40,11 @@ def test_a_campaign_that_cannot_be_diagnosed_ends_with_its_table_and_page(tmp_pa
 # -- velocity fields without a rate ----------------------------------------------------------------------------
 
 
-def pattern(shift: float = 0.0) -> np.ndarray:
-    """Speckle of 96 x 128 px, moved to the right by whole px."""
-    wide = ndimage.gaussian_filter(np.random.default_rng(3).standard_normal((96, 512)), 1.5)
-    return 120.0 + 60.0 * np.roll(wide, round(shift), axis=1)[:, 192:320] / wide.std()
+def pattern(shift: int = 0, shape: tuple[int, int] = (96, 128), seed: int = 3) -> np.ndarray:
+    """Speckle moved to the right by whole px."""
+    h, w = shape
+    wide = ndimage.gaussian_filter(np.random.default_rng(seed).standard_normal((h, 2 * w)), 1.5)
+    return 120.0 + 60.0 * np.roll(wide, shift, axis=1)[:, w // 2 : w // 2 + w] / wide.std()
 
 
 @pytest.mark.parametrize("scale, length", [(None, "px"), (1e-4, "m")])
@@ -89,3 +91,34 @@ def test_the_sigmas_of_five_fields_hold_two_thirds_of_the_errors():
             off[n].append((mean[n] - value) / mean[f"{n}_sigma"])
     inside = {n: float((abs(np.array(values)) < 1.0).mean()) for n, values in off.items()}
     assert all(0.65 < share < 0.71 for share in inside.values()), inside
+
+
+# -- a shift beyond the search ----------------------------------------------------------------------------------
+
+
+def told(a: np.ndarray, b: np.ndarray) -> str:
+    """What `jv.piv` says of two pictures, as a warning or as an error; "" for nothing."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            jv.piv(a, b, window=32, step=16)
+        except ValueError as e:
+            return str(e)
+    return "; ".join(str(w.message) for w in caught)
+
+
+@pytest.mark.parametrize("shift", [60, 138])
+def test_a_shift_beyond_the_passes_is_told_with_passes_that_measure_it(shift):
+    """What the words name measures the shift to .01 px."""
+    a, b = pattern(shape=(288, 512)), pattern(shift, shape=(288, 512))
+    said = told(a, b)
+    apart, passes = re.search(r"are (\d+) px apart, .* give passes=\((.*)\)$", said).groups()
+    field = jv.piv(a, b, window=32, step=16, passes=tuple(map(int, passes.split(", "))))
+    assert int(apart) == shift and abs(float(field.u.median()) - shift) < 0.01
+    assert float((field.chc > 0).mean()) > 0.9 * (1.0 - shift / 512)  # what is in both pictures
+
+
+@pytest.mark.parametrize("seed", [4, 5, 6])
+def test_no_passes_are_named_where_none_would_do(seed):
+    """Nothing in common, or a shift that the default finds."""
+    assert "passes" not in told(pattern(), pattern(seed=seed)) and not told(pattern(), pattern(20))
