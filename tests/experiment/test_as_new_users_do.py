@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import re
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,13 @@ from matplotlib.figure import Figure
 from scipy import ndimage
 
 import jumpvision as jv
-from tests.worlds.small import edit, run_here, write_campaign
+from jumpvision.experiment.inputs.sections import RodVideo
+from jumpvision.experiment.results.summary import JumpRow, Summary, Uncertain
+from jumpvision.experiment.stages.recordings import open_film
+from jumpvision.films.frames import FrameError
+from jumpvision.laboratory import write
+from jumpvision.report.pages.words import campaign_words
+from tests.worlds.small import ball_film, edit, run_here, write_campaign
 
 # -- a campaign that cannot be diagnosed ----------------------------------------------------------------------
 
@@ -122,3 +129,32 @@ def test_a_shift_beyond_the_passes_is_told_with_passes_that_measure_it(shift):
 def test_no_passes_are_named_where_none_would_do(seed):
     """Nothing in common, or a shift that the default finds."""
     assert "passes" not in told(pattern(), pattern(seed=seed)) and not told(pattern(), pattern(20))
+
+
+# -- a rate and an exposure that disagree; one jump ---------------------------------------------------------------
+
+
+def test_an_exposure_is_held_against_the_rate_that_times_the_film(tmp_path):
+    """A film of 200 Hz: 4 ms fit its own stamps, whatever rate is declared beside them, but not a declared clock of
+    500 Hz, which is refused with both rates; 40 ms fit neither."""
+    file = tmp_path / "rod.avi"
+    write.film(file, ball_film(), rate=200.0)
+    section = RodVideo("rod.avi", path=file, frame_rate=500.0, exposure=4e-3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with open_film(section) as film:
+            assert film.rate == pytest.approx(200.0)
+        with pytest.raises(FrameError, match=r"at 500 Hz \(0.002 s\); the film's own stamps say 200 Hz"):
+            open_film(replace(section, clock="declared"))
+        with pytest.raises(
+            FrameError, match=r"at 200 Hz \(0.005 s\): correct the rate, or the exposure \(in ms\? then give 4e-05"
+        ):
+            open_film(replace(section, exposure=0.04))
+
+
+@pytest.mark.parametrize(
+    "heights, said", [((0.0331,), "1 jump, 33.1 mm high."), ((0.0331, 0.0402), "2 jumps, 33.1 to 40.2 mm high.")]
+)
+def test_one_jump_is_one(heights, said):
+    rows = [JumpRow("a", summary=Summary("a", jump_height=Uncertain(h, 1e-5, 0.0))) for h in heights]
+    assert campaign_words(rows, None, None, 0)[0] == said
