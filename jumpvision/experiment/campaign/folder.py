@@ -112,9 +112,9 @@ def run_folder(
     """Run the plan on every experiment, write what only a campaign shows, question its model; then draw the pictures.
 
     workers: processes at a time; of a single experiment they share a long film.
-    ask: question the model, InputError where that cannot be done; None: where everything is run and there seem to be
-    enough jumps, and the run says why it could not. draw: of the diagnosis' picture; pictured: whether it is put among
-    the results.
+    ask: question the model, InputError where that cannot be done; None: where everything is run and jumps have a
+    [model]; the run says why where it cannot. draw: of the diagnosis' picture; pictured: whether it is put among the
+    results.
     say: is told what the questioning finds on its way.
     beside: entered while the model is questioned, with the outcomes that nothing is left to draw of.
     """
@@ -166,7 +166,12 @@ def run_folder(
 
 def asks(campaign: Campaign, plan: Plan, ask: bool | None) -> bool:
     """Whether the model of a campaign is questioned; ask: as in `run_folder`."""
-    return bool(ask or (ask is None and plan.whole and plan.stages is None and _worth_asking(campaign)))
+    whole = ask is None and plan.whole and plan.stages is None
+    if not whole or not any(e.section(ModelSpec) for e in campaign.experiments):  # the imports would take longer
+        return bool(ask)
+    from .jumps import questioned
+
+    return any(e.section(ModelSpec) for e in questioned(campaign))
 
 
 def _apart(campaign: Campaign, results: Path, *, single: bool) -> None:
@@ -190,14 +195,6 @@ def _outcomes(opened: Experiment | Campaign, plan: Plan, workers: int, watcher: 
         return [run_single(e, plan, workers=workers, hook=watcher.frames if watcher else None) for e in runs]
     done = watcher.experiment if watcher else lambda outcome: None
     return run_campaign(opened, plan, workers=workers, done=done)
-
-
-def _worth_asking(campaign: Campaign) -> bool:
-    if not any(e.section(ModelSpec) for e in campaign.experiments):  # the imports would take longer
-        return False
-    from .jumps import worth_asking
-
-    return worth_asking(campaign)
 
 
 def _tables(run: Run) -> list[Path]:

@@ -76,9 +76,8 @@ def _refuse_long(film: Film, section: RodVideo | GrainVideo, own: float | None) 
     film.close()
     stamps = f"; the film's own stamps say {own:g} Hz" if own and own != film.rate else ""
     raise FrameError(
-        f"{section.path}: [{section.name}] exposure = {exposure:g} s: longer than from one frame to the next at "
-        f"{film.rate:g} Hz ({1.0 / film.rate:.3g} s){stamps}: correct the rate, or the exposure (in ms? then give "
-        f"{exposure / 1e3:g})"
+        f"{section.path}: [{section.name}] exposure = {exposure:g} s: longer than a frame at {film.rate:g} Hz "
+        f"({1.0 / film.rate:.3g} s){stamps}: correct the rate, or the exposure (in ms? then give {exposure / 1e3:g})"
     )
 
 

@@ -58,11 +58,10 @@ def piv(
     film = film_at(a, frame_rate) if b is None and isinstance(a, str | os.PathLike) else None
     given = grey_images("piv", film or (a if b is None else (a, b)))
     known_rate = frame_rate is not None or (film is not None and pairs == EACH)
-    if not frame_rate:
-        frame_rate = film.rate if film else 1.0
+    rate = frame_rate or (film.rate if film else 1.0)
     if len(given) <= p.gap:
         raise ValueError(f"piv: {len(given)} frame(s): give two grey images (H, W), or more in one stack")
-    stride, time = clock(len(given), pairs, pair_time, frame_rate, known_rate, p)
+    stride, time = clock(len(given), pairs, pair_time, rate, known_rate, p)
     masks = both(usable_of(mask, given), usable_pixels(given))
     frames = in_grey(given)
     light = light_of(frames, stride, p)

@@ -20,8 +20,7 @@ from jumpvision.films.vision.piv.pair import MEASURED, REASONS, VectorField
 
 class Places(NamedTuple):
     """Where and when the pixels of a film lie. file: its name; scale [m/px] with its sigma, None: not known; column,
-    row [px] of the origin; time: the unit of its times, "frame" where the rate is not known.
-    """
+    row [px] of the origin; time: the unit of its times, "frame" where the rate is not known."""
 
     file: str
     scale: float | None
@@ -31,14 +30,9 @@ class Places(NamedTuple):
     time: str = "s"
 
     @property
-    def unit(self) -> str:
-        """Of places."""
-        return "m" if self.scale else "px"
-
-    @property
     def speed(self) -> str:
         """The unit of velocities."""
-        return f"{self.unit}/{self.time}"
+        return f"{'m' if self.scale else 'px'}/{self.time}"
 
 
 def matching(p: PivParams) -> dict[str, Any]:
@@ -99,7 +93,7 @@ def header(time: Array, shape: tuple[int, int], at: Places, stride: int, p: PivP
         ensemble_pairs=p.ensemble,
         stride_frames=stride,
     )
-    scale, unit = at.scale or 1.0, at.unit
+    scale, unit = at.scale or 1.0, grid.unit
     places = xr.Dataset(
         coords={
             "x": ("x", (x - at.column) * scale, {"units": unit, "long_name": "right"}),

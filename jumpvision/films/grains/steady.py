@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
 
-BELOW = 0.841344746  # probability of a Gaussian value below one sigma
-
 
 class Velocities(NamedTuple):
     """One field, all (ny, nx): u, v, their standard uncertainties, and where they were measured."""
@@ -60,7 +58,8 @@ def independent(n: Array, times: int, memory: float) -> Array:
 def mean_half(worth: Array) -> Array:
     """Half width that holds 68 % of the errors of a mean, in standard deviations of its values (Student's t); worth: so
     many independent values, see `independent`."""
-    return np.asarray(scipy.special.stdtrit(free(worth), BELOW) / np.sqrt(worth))
+    below_sigma = scipy.special.ndtr(1.0)
+    return np.asarray(scipy.special.stdtrit(free(worth), below_sigma) / np.sqrt(worth))
 
 
 def free(worth: Array) -> Array:
