@@ -112,9 +112,8 @@ def run_folder(
     """Run the plan on every experiment, write what only a campaign shows, question its model; then draw the pictures.
 
     workers: processes at a time; of a single experiment they share a long film.
-    ask: question the model, InputError where that cannot be done; None: where everything is run and jumps have a
-    [model]; the run says why where it cannot. draw: of the diagnosis' picture; pictured: whether it is put among the
-    results.
+    ask: question the model, or raise InputError; None: where everything is run and jumps have a [model], or say why
+    not. draw: of the diagnosis' picture; pictured: whether it is put among the results.
     say: is told what the questioning finds on its way.
     beside: entered while the model is questioned, with the outcomes that nothing is left to draw of.
     """

@@ -71,10 +71,9 @@ def piv(
     coded, said = coding(film, frames)
     if said:
         warnings.warn(StageWarning("frames", said), stacklevel=2)
-    apart = float(time[p.gap] - time[0])
     matched = list(fields_of(lit, masks, stride, p, coded))
     larger = larger_passes((frames[0], frames[p.gap]), masks, p) if lost(matched[0]) else ""
-    fields = [velocities(f, at, apart) for f in matched]
+    fields = [velocities(f, at, float(time[p.gap] - time[0])) for f in matched]
     if not any(np.isfinite(f.u).any() for f in fields):
         raise ValueError(f"piv: no vector in the field: {larger or reasons(fields[0])}")
     if larger:

@@ -58,8 +58,7 @@ def independent(n: Array, times: int, memory: float) -> Array:
 def mean_half(worth: Array) -> Array:
     """Half width that holds 68 % of the errors of a mean, in standard deviations of its values (Student's t); worth: so
     many independent values, see `independent`."""
-    below_sigma = scipy.special.ndtr(1.0)
-    return np.asarray(scipy.special.stdtrit(free(worth), below_sigma) / np.sqrt(worth))
+    return np.asarray(scipy.special.stdtrit(free(worth), scipy.special.ndtr(1.0)) / np.sqrt(worth))
 
 
 def free(worth: Array) -> Array:

@@ -98,8 +98,7 @@ def write_campaign(
 ) -> None:
     """Render the page of a campaign.
 
-    warned: its doubts, in sentences; mark: for the page's head; draws: the command that draws all pages' pictures;
-    undiagnosed: why its model could not be tested.
+    warned: its doubts, in sentences; mark: for the page's head; draws: the command that draws all pages' pictures.
     """
     from jumpvision.experiment.campaign.measured.actuator import actuator_bandwidth, driven
     from jumpvision.experiment.campaign.measured.craters import measured_in, zero_crossing

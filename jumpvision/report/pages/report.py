@@ -39,7 +39,7 @@ def write_report(
 ) -> Path:
     """Write the pages and return the path of the one to open: of the campaign, or of the only experiment.
 
-    warned: what is to be doubted of a campaign, as in campaign.json. undiagnosed: why its model could not be tested.
+    warned: what is to be doubted of a campaign, as in campaign.json. undiagnosed: as in `Run`.
     """
     draws = draw_command(campaign, results)
     keys = write_pages(campaign, outcomes, results, single=single)
