@@ -12,6 +12,11 @@ def said(value: float | None, spec: str = ".3g", factor: float = 1.0) -> str:
     return UNKNOWN if value is None or not math.isfinite(value) else f"{value * factor:{spec}}"
 
 
+def counted(n: int, what: str) -> str:
+    """`1 jump`, `2 jumps`."""
+    return f"{n} {what}{'s' * (n != 1)}"
+
+
 def times(ratio: float | None, spec: str = ".3g", mark: str = "x") -> str:
     """`47.7x`, by how much one is more than the other; "unknown" where it is not above 0."""
     return UNKNOWN if ratio is None or not 0.0 < ratio < math.inf else f"{ratio:{spec}}{mark}"

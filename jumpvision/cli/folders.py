@@ -185,6 +185,7 @@ def show(done: Run, options: Options, *, page: bool = False) -> int:
                 single=done.single,
                 warned=done.warnings,
                 diagnosis=done.diagnosis,
+                undiagnosed=done.undiagnosed,
             )
         )
     terminal.outcome(done, as_json=options.json, whole=options.table)

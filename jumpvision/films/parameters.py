@@ -8,6 +8,7 @@ from typing import ClassVar
 from jumpvision.base.parameters import Params
 from jumpvision.base.schema import param
 
+LARGEST_PASS = 1024  # px, side of a correlation window: larger ones fill the memory
 SMALLEST_BALL = 6.0  # px: below it neither the fit nor the search has enough rim
 
 
@@ -105,7 +106,7 @@ class PivParams(Params):
         "px",
         "correlation windows where the start fails; the first exceeds twice the largest displacement",
         lo=8,
-        hi=1024,
+        hi=LARGEST_PASS,
     )
     min_correlation: float = param(0.3, "", "matches below this correlation are replaced", lo=0, hi=1)
     min_texture: float = param(1.0, "grey levels", "windows with less contrast are left out", lo=0, hi=1e4)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from scipy import stats
 
 from jumpvision.base.record import RecordError
 from jumpvision.experiment.results import fields
@@ -89,19 +90,22 @@ def test_a_film_that_ends_early_is_an_error_and_leaves_nothing(tmp_path, monkeyp
 
 
 def test_a_mean_over_a_long_field_is_that_of_all_its_times_at_once():
-    """Read part by part; against numpy's own mean and standard deviation, with times and places that are not known."""
+    """Read part by part; against numpy's own mean and standard deviation and Student's t, with times and places that
+    are not known."""
     rng = np.random.default_rng(4)
     values = 50.0 + rng.normal(size=(3, 4, 40))
     values[rng.uniform(size=values.shape) < 0.2] = np.nan
-    values[0, 0, 2:] = np.nan  # known twice: no mean
+    values[0, 0, 6:] = np.nan  # known once: no mean
+    values[0, 1, 7:] = np.nan
     field = xr.DataArray(values, dims=("y", "x", "t"), coords={"t": np.arange(40.0)})
     mean, sigma = mean_of(field, field.t[5:])
-    known = np.where(np.isfinite(values[..., 5:]).sum(-1, keepdims=True) >= 3, values[..., 5:], np.nan)
+    known = np.where(np.isfinite(values[..., 5:]).sum(-1, keepdims=True) >= 2, values[..., 5:], np.nan)
     worth = independent(np.isfinite(known).sum(-1), 35, Memory.of(known.reshape(12, 35).T[:, 1:]).mean)
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         np.testing.assert_allclose(mean, np.nanmean(known, axis=-1), rtol=1e-13)
-        np.testing.assert_allclose(sigma, np.nanstd(known, axis=-1, ddof=1) / np.sqrt(worth), rtol=1e-10)
+        half = stats.t.ppf(stats.norm.cdf(1.0), np.maximum(worth, 1.5) - 1.0) / np.sqrt(worth)
+        np.testing.assert_allclose(sigma, half * np.nanstd(known, axis=-1, ddof=1), rtol=1e-10)
     assert np.isnan(mean[0, 0]) and np.isfinite(mean).sum() == 11
 
 

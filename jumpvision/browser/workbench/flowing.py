@@ -47,15 +47,15 @@ DARKER = 0.35  # what is not matched, in the picture of what is
 
 @dataclass(frozen=True)
 class Asked:
-    """The sections and parameters that a flow is made from. rated: whether the time between two frames of
-    a pair is known, or taken as 1 s."""
+    """The sections and parameters that a flow is made from. time: as in `Places`;
+    "frame" where the time between two frames of a pair is not known."""
 
     film: GrainVideo
     robot: Robot | None
     calibration: Calibration | None
     mask: GrainMask | None
     p: PivParams
-    rated: bool
+    time: str
 
     @classmethod
     def of(cls, made: Composed, rate: float | None) -> Asked:
@@ -68,7 +68,7 @@ class Asked:
         if film.pairs and not rated:
             film = replace(film, frame_rate=SPARSE, pair_time=1.0)
         robot, calibration, mask = made.section(Robot), made.section(Calibration), made.section(GrainMask)
-        return cls(film, robot, calibration, mask, made.params(PivParams), rated)
+        return cls(film, robot, calibration, mask, made.params(PivParams), "s" if rated else "frame")
 
     @property
     def key(self) -> Hashable:
@@ -275,7 +275,7 @@ class Stopped(Exception):
 
 def of(asked: Asked) -> Any:
     """The film, ready to be matched."""
-    return ready(asked.film, asked.robot, asked.calibration, asked.mask, asked.p)
+    return ready(asked.film, asked.robot, asked.calibration, asked.mask, asked.p, asked.time)
 
 
 def quiet() -> warnings.catch_warnings[None]:
@@ -339,8 +339,6 @@ def shown(
     reason = field.reason.values if "reason" in field else np.zeros(u.shape, int)
     measured = np.isin(reason, MEASURED) & np.isfinite(u)
     speed = unit_of(field.u)
-    per = {} if asked.rated else {"px/s": "px/frame", "m/s": "m/frame", "1/s": "1/frame"}
-    unit = speed if name == "speed" else unit_of(field[name])
     return Shown(
         frame=first,
         mean=mean,
@@ -357,8 +355,8 @@ def shown(
         name=name,
         names=names,
         values=plain(values.ravel()),
-        unit=per.get(unit, unit),
-        speed=per.get(speed, speed),
+        unit=speed if name == "speed" else unit_of(field[name]),
+        speed=speed,
         length="m" if speed.startswith("m/") else "px",
         place=place,
         line=place.line(lines[-1]) if lines else None,

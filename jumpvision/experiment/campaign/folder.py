@@ -61,6 +61,7 @@ class Run:
     plan: Plan
     outcomes: list[Outcome]
     diagnosis: Diagnosis | None = None
+    undiagnosed: str = ""  # why the model could not be tested where that was tried
     files: list[Path] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)  # on what earlier runs left
     shown: bool = False  # the watcher has shown what was found
@@ -111,8 +112,8 @@ def run_folder(
     """Run the plan on every experiment, write what only a campaign shows, question its model; then draw the pictures.
 
     workers: processes at a time; of a single experiment they share a long film.
-    ask: question the model; None: where everything is run and there are enough jumps. draw: of the diagnosis' picture;
-    pictured: whether it is put among the results.
+    ask: question the model, or raise InputError; None: where everything is run and jumps have a [model], or say why
+    not. draw: of the diagnosis' picture; pictured: whether it is put among the results.
     say: is told what the questioning finds on its way.
     beside: entered while the model is questioned, with the outcomes that nothing is left to draw of.
     """
@@ -130,18 +131,24 @@ def run_folder(
 
             by_name = {o.name: o for o in run.outcomes}
             drawn = [o for o in run.outcomes if not o.undrawn]
-            with beside(campaign, drawn) if beside else nullcontext():
-                run.diagnosis, run.files = question(
-                    campaign,
-                    by_name,
-                    plan.results,
-                    plan.cache,
-                    workers=workers,
-                    draw=draw,
-                    pictured=pictured,
-                    say=say,
-                    fresh=plan.fresh,
-                )
+            try:
+                with beside(campaign, drawn) if beside else nullcontext():
+                    run.diagnosis, run.files = question(
+                        campaign,
+                        by_name,
+                        plan.results,
+                        plan.cache,
+                        workers=workers,
+                        draw=draw,
+                        pictured=pictured,
+                        say=say,
+                        fresh=plan.fresh,
+                    )
+            except InputError as e:
+                if ask:
+                    raise
+                run.undiagnosed = f"not diagnosed: {'; '.join(e.problems)}"
+                say(run.undiagnosed)
         run.files += _craters(run)
         if watcher is not None:
             watcher.found(run)
@@ -158,7 +165,12 @@ def run_folder(
 
 def asks(campaign: Campaign, plan: Plan, ask: bool | None) -> bool:
     """Whether the model of a campaign is questioned; ask: as in `run_folder`."""
-    return bool(ask or (ask is None and plan.whole and plan.stages is None and _worth_asking(campaign)))
+    whole = ask is None and plan.whole and plan.stages is None
+    if not whole or not any(e.section(ModelSpec) for e in campaign.experiments):  # the imports would take longer
+        return bool(ask)
+    from .jumps import questioned
+
+    return any(e.section(ModelSpec) for e in questioned(campaign))
 
 
 def _apart(campaign: Campaign, results: Path, *, single: bool) -> None:
@@ -182,14 +194,6 @@ def _outcomes(opened: Experiment | Campaign, plan: Plan, workers: int, watcher: 
         return [run_single(e, plan, workers=workers, hook=watcher.frames if watcher else None) for e in runs]
     done = watcher.experiment if watcher else lambda outcome: None
     return run_campaign(opened, plan, workers=workers, done=done)
-
-
-def _worth_asking(campaign: Campaign) -> bool:
-    if not any(e.section(ModelSpec) for e in campaign.experiments):  # the imports would take longer
-        return False
-    from .jumps import worth_asking
-
-    return worth_asking(campaign)
 
 
 def _tables(run: Run) -> list[Path]:

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from jumpvision.base.arrays import Array
+from jumpvision.base.numbers import counted
 from jumpvision.base.schema import InputError, WarningRecord, read, warnings_in
 from jumpvision.engine.priors import Measured
 from jumpvision.experiment.inputs.experiment import Campaign, Experiment
@@ -38,21 +39,10 @@ def questioned(campaign: Campaign) -> list[Experiment]:
     return [e for e in campaign.experiments if _usable(e)]
 
 
-def worth_asking(campaign: Campaign) -> bool:
-    """Whether the campaign has a [model] to question and enough jumps for it."""
-    usable = questioned(campaign)
-    motions = {repr(law) if (law := _law(e)) else e.header.group or e.name for e in usable}
-    return len(usable) >= FEWEST and len(motions) >= CONDITIONS and _has_values(usable)
-
-
 def _law(e: Experiment) -> Actuation | None:
     """[actuation] that tells the motion; None where only a log does."""
     law: Actuation | None = e.section(Actuation)
     return law if law and law.kind != "custom" else None
-
-
-def _has_values(usable: list[Experiment]) -> bool:
-    return any(e.section(ModelSpec) for e in usable)
 
 
 def _usable(e: Experiment) -> bool:
@@ -101,12 +91,9 @@ def load_jumps(
         warned += [f"{e.name}: {t['message']}" for t in warnings_of_jump if not outcome.made(Simulation)]
     conditions = {j.condition for j in jumps}
     if len(jumps) < FEWEST or len(conditions) < CONDITIONS:
-        raise InputError(
-            [
-                f"diagnose: {len(jumps)} jumps of {len(conditions)} conditions; at least {FEWEST} of {CONDITIONS} are "
-                "needed" + "".join(f"; left out: {why}" for why in left_out)
-            ]
-        )
+        had = f"{counted(len(jumps), 'jump')} of {counted(len(conditions), 'condition')}"
+        lacking = "".join(f"; left out: {why}" for why in left_out)
+        raise InputError([f"{had}; at least {FEWEST} of {CONDITIONS} are needed{lacking}"])
     return _conditioned(jumps), left_out, warned
 
 

@@ -75,16 +75,6 @@ def _truncated() -> Any:
     return param("refuse", "", meaning, choices=("refuse", "accept"))
 
 
-def exposure_problems(exposure: float, frame_rate: float | None) -> list[str]:
-    """A frame is not exposed for longer than to the next one."""
-    if frame_rate is None or exposure * frame_rate <= 1.0 + 1e-6:
-        return []
-    return [
-        f"exposure = {exposure:g} s: longer than from one frame to the next at frame_rate = {frame_rate:g} Hz "
-        f"({1.0 / frame_rate:.3g} s); in ms? then give {exposure / 1e3:g}"
-    ]
-
-
 @dataclass(frozen=True)
 class RodVideo(FileSection):
     """Film of a ball on the rod."""
@@ -110,7 +100,6 @@ class RodVideo(FileSection):
         bad = [e for e in self.exclude_frames if not _EXCLUDE.match(e)]
         return (
             scale_problems(self)
-            + exposure_problems(self.exposure, self.frame_rate)
             + ([] if len(self.origin) in (0, 2) else [f"origin = {list(self.origin)}: must be [column, row] in px"])
             + [
                 f"exclude_frames entry {e[:60]!r}: must read 'first:last reason', e.g. '120:135 lamp flicker', "

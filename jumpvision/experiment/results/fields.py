@@ -35,6 +35,11 @@ def unit_of(values: xr.DataArray) -> str:
     return str(values.attrs["units"])
 
 
+def rate_of(field: xr.Dataset) -> str:
+    """The unit of what changes in time, 1/s or 1/frame, by that of the velocities."""
+    return f"1/{unit_of(field.u).split('/')[1]}"
+
+
 @dataclass(frozen=True)
 class Field(Record):
     """A NetCDF data set over (y, x, t); x right, y up, SI unless the scale is unknown (see the units attributes)."""

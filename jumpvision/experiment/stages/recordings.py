@@ -46,8 +46,10 @@ def open_film(section: RodVideo | GrainVideo, seen: Callable[[Image], None] | No
     else:
         rate, start = section.frame_rate, section.start
         film = open_frames(section.path, frame_rate=rate, start=start, seen=seen, axes=section.axes)
+        own = film.rate if film.time_source == "file" else None
         if section.clock == "declared":
             film = timed_as_declared(film, section)
+        _refuse_long(film, section, own)
     if film.truncated and section.truncated != "accept":
         film.close()
         raise FrameError(
@@ -64,6 +66,19 @@ def open_film(section: RodVideo | GrainVideo, seen: Callable[[Image], None] | No
         )
         warnings.warn(StageWarning("exposure", text, section.name), stacklevel=3)
     return film
+
+
+def _refuse_long(film: Film, section: RodVideo | GrainVideo, own: float | None) -> None:
+    """An exposure that is longer than from one frame to the next. own [Hz]: the rate by the film's stamps."""
+    exposure = getattr(section, "exposure", 0.0)
+    if exposure * film.rate <= 1.0 + 1e-6 or len(film) < 2:
+        return
+    film.close()
+    stamps = f"; the film's own stamps say {own:g} Hz" if own and own != film.rate else ""
+    raise FrameError(
+        f"{section.path}: [{section.name}] exposure = {exposure:g} s: longer than a frame at {film.rate:g} Hz "
+        f"({1.0 / film.rate:.3g} s){stamps}: correct the rate, or the exposure (in ms? then give {exposure / 1e3:g})"
+    )
 
 
 def _refuse_outside(film: Film, section: Filmed) -> None:

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import math
 import os
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
+import cv2
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from jumpvision.base.arrays import Image
 from jumpvision.base.parameters import of_keywords
 from jumpvision.base.schema import InputError, StageWarning
-from jumpvision.films.parameters import PivParams
+from jumpvision.films.parameters import LARGEST_PASS, PivParams
 from jumpvision.films.vision.compression import coding
-from jumpvision.films.vision.piv.engine import Usable
+from jumpvision.films.vision.piv.engine import LOST, Usable
 from jumpvision.films.vision.piv.light import light_of
-from jumpvision.films.vision.piv.pair import REASONS
+from jumpvision.films.vision.piv.pair import MATCHED, MEASURED, REASONS, VectorField
 
 from .images import film_at, grey_images, in_grey, scale_problem, usable_pixels
 from .velocities import Places, fields_of, header, velocities
@@ -37,12 +41,11 @@ def piv(
     """Velocity field from frame a to frame b, or of every neighbouring pair of the frames a (n, H, W) or a sequence.
 
     Images (H, W) grey, of any number type, or paths, of two pictures or of a film; masked, infinite and NaN pixels are
-    left out; gain and offset of decimals do not matter. frame_rate [1/s]: default the film's own, else one frame a
-    second, so that speeds are px per frame. scale [m/px]: speeds are
-    in m/s and places in m with it, in px without. mask (H, W), or (n, H, W) of every frame: True where usable.
+    left out; gain and offset of decimals do not matter. frame_rate [1/s]: default the film's own; of arrays without it
+    times are in frames and speeds per frame. scale [m/px]: places and speeds are in m with it, in px without. mask
+    (H, W), or (n, H, W) of every frame: True where usable.
     pairs="AB": double exposures A1, B1, A2, B2, ...: A is matched with its own B alone, `ensemble` takes whole pairs
-    together, frame_rate is that of the pairs and pair_time [s] from A to B (default without a frame_rate: 1 s, so that
-    speeds are px per pair).
+    together, frame_rate is that of the pairs and pair_time [s] from A to B (without both: from A to B is a frame).
     parameters: those of [params.piv], such as window=32, step=8.
 
     Data set over (y, x), with t before them where there are more than two frames: u right, v up, u_sigma, v_sigma,
@@ -54,24 +57,27 @@ def piv(
     p = of_keywords(PivParams, parameters, folder=("foot_rows",), frame_rate=frame_rate or 1.0)
     film = film_at(a, frame_rate) if b is None and isinstance(a, str | os.PathLike) else None
     given = grey_images("piv", film or (a if b is None else (a, b)))
-    known_rate = frame_rate is not None or (film is not None and pairs == "each")
-    if not frame_rate:
-        frame_rate = film.rate if film else 1.0
+    known_rate = frame_rate is not None or (film is not None and pairs == EACH)
+    rate = frame_rate or (film.rate if film else 1.0)
     if len(given) <= p.gap:
         raise ValueError(f"piv: {len(given)} frame(s): give two grey images (H, W), or more in one stack")
-    stride, time = clock(len(given), pairs, pair_time, frame_rate, known_rate, p)
+    stride, time = clock(len(given), pairs, pair_time, rate, known_rate, p)
     masks = both(usable_of(mask, given), usable_pixels(given))
     frames = in_grey(given)
     light = light_of(frames, stride, p)
-    head = header(time, frames[0].shape, Places("images", scale, 0.0, 0.0, 0.0), stride, p)
+    at = Places("images", scale, 0.0, 0.0, 0.0, "s" if known_rate or pair_time else "frame")
+    head = header(time, frames[0].shape, at, stride, p)
     lit = (light(frame, k) for k, frame in enumerate(frames))
     coded, said = coding(film, frames)
     if said:
         warnings.warn(StageWarning("frames", said), stacklevel=2)
-    apart = float(time[p.gap] - time[0])
-    fields = [velocities(f, scale, apart) for f in fields_of(lit, masks, stride, p, coded)]
+    matched = list(fields_of(lit, masks, stride, p, coded))
+    larger = larger_passes((frames[0], frames[p.gap]), masks, p) if lost(matched[0]) else ""
+    fields = [velocities(f, at, float(time[p.gap] - time[0])) for f in matched]
     if not any(np.isfinite(f.u).any() for f in fields):
-        raise ValueError(f"piv: no vector in the field: {reasons(fields[0])}")
+        raise ValueError(f"piv: no vector in the field: {larger or reasons(fields[0])}")
+    if larger:
+        warnings.warn(StageWarning("frames", f"piv: few vectors in the field: {larger}"), stacklevel=2)
     whole = xr.concat(fields, dim="t").assign_coords(head.coords).assign_attrs(head.attrs)
     return whole if len(frames) > 2 else whole.isel(t=0)
 
@@ -121,6 +127,29 @@ def both(a: Usable | None, pixels: Sequence[NDArray[np.bool_]] | None) -> Usable
     if pixels is None:
         return a
     return lambda k: pixels[k] if a is None else pixels[k] & a(k)
+
+
+def lost(f: VectorField, common: float = 1.0) -> bool:
+    """Whether so few windows with texture were measured that these may be chance; common: share of the picture that
+    both frames show."""
+    return bool(np.isin(f.reason, MEASURED).sum() < (1.0 - LOST) * common * np.isin(f.reason, MATCHED).sum())
+
+
+def larger_passes(pair: tuple[Image, Image], usable: Usable | None, p: PivParams) -> str:
+    """The passes with which a lost pair is measured, and the shift of the whole pictures that asks for them; "" where
+    larger ones are of no use."""
+    a, b = (np.nan_to_num(np.asarray(f, np.float32)) for f in pair)
+    size = a.shape[::-1]
+    shift, _ = cv2.phaseCorrelate(a, b, cv2.createHanningWindow(size, cv2.CV_32F))
+    first = 2 ** math.ceil(math.log2(2.0 * max(map(abs, shift)) + 1.0))
+    if first <= p.passes[0] or first > LARGEST_PASS:
+        return ""
+    again = replace(p, passes=(first, *p.passes), gap=1, baseline=1, ensemble=1)
+    shown = usable and (lambda k: usable(k * p.gap))
+    common = math.prod(1.0 - abs(d) / n for d, n in zip(shift, size))
+    if lost(next(fields_of(pair, shown, 1, again)), common):
+        return ""
+    return f"the pictures are {math.hypot(*shift):.3g} px apart, beyond the first of passes: give passes={again.passes}"
 
 
 def reasons(field: xr.Dataset) -> str:

@@ -19,14 +19,20 @@ from jumpvision.films.vision.piv.pair import MEASURED, REASONS, VectorField
 
 
 class Places(NamedTuple):
-    """Where the pixels of a film lie. file: its name; scale [m/px] with its sigma, None: not known; column, row [px] of
-    the origin."""
+    """Where and when the pixels of a film lie. file: its name; scale [m/px] with its sigma, None: not known; column,
+    row [px] of the origin; time: the unit of its times, "frame" where the rate is not known."""
 
     file: str
     scale: float | None
     scale_sigma: float
     column: float
     row: float
+    time: str = "s"
+
+    @property
+    def speed(self) -> str:
+        """The unit of velocities."""
+        return f"{'m' if self.scale else 'px'}/{self.time}"
 
 
 def matching(p: PivParams) -> dict[str, Any]:
@@ -92,7 +98,7 @@ def header(time: Array, shape: tuple[int, int], at: Places, stride: int, p: PivP
         coords={
             "x": ("x", (x - at.column) * scale, {"units": unit, "long_name": "right"}),
             "y": ("y", -(y - at.row) * scale, {"units": unit, "long_name": "up"}),
-            "t": ("t", of_fields(0.5 * (begin + end), p), {"units": "s", "long_name": "mid-time, common clock"}),
+            "t": ("t", of_fields(0.5 * (begin + end), p), {"units": at.time, "long_name": "mid-time, common clock"}),
         }
     )
     return described(
@@ -107,12 +113,12 @@ def header(time: Array, shape: tuple[int, int], at: Places, stride: int, p: PivP
     )
 
 
-def velocities(f: VectorField, scale: float | None, dt: float) -> xr.Dataset:
-    """One pixel field as velocities, y up: m/s with a scale [m/px], else px/s. dt [s]: between the frames of a pair."""
-    size, unit = (scale, "m") if scale else (1.0, "px")
+def velocities(f: VectorField, at: Places, dt: float) -> xr.Dataset:
+    """One pixel field as velocities [at.speed], y up. dt [at.time]: between the frames of a pair."""
+    size = at.scale or 1.0
 
     def speed(values: Array, sign: float = 1.0, **attrs: str) -> tuple[tuple[str, str], Array, dict[str, str]]:
-        return ("y", "x"), values * (sign * size / dt), {"units": f"{unit}/s", **attrs}
+        return ("y", "x"), values * (sign * size / dt), {"units": at.speed, **attrs}
 
     return xr.Dataset(
         {

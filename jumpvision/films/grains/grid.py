@@ -14,9 +14,9 @@ if TYPE_CHECKING:  # the records name this module, and `--help` names the record
 class VectorGrid:
     """Geometry of a velocity field and its pictures, under the names of its file; x right, y up from an origin.
 
-    delta_t [s]: between the images of a pair. source: what computed the field. scale_m_per_px: NaN where it is not
-    known, then places are in px and velocities in px/s; scale_share: its relative standard uncertainty. origin_*: pixel
-    at x = y = 0 (rows count downwards). window_px: side of the matched windows; step_px: between vectors;
+    delta_t [unit of t]: between the images of a pair. source: what computed the field. scale_m_per_px: NaN where it is
+    not known, then places are in px; scale_share: its relative standard uncertainty. origin_*: pixel at x = y = 0
+    (rows count downwards). window_px: side of the matched windows; step_px: between vectors;
     error_correlation_length_px: over which errors of unsmoothed vectors are correlated. image_*: size of the pictures
     [px]. ensemble_pairs: of images that a field is made from; gap_frames: between the images of a pair; stride_frames:
     from one pair to the next.
@@ -39,7 +39,7 @@ class VectorGrid:
 
     @property
     def metric(self) -> bool:
-        """Whether the field is in m and m/s."""
+        """Whether places are in m."""
         return math.isfinite(self.scale_m_per_px)
 
     @property

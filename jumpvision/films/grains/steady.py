@@ -55,6 +55,17 @@ def independent(n: Array, times: int, memory: float) -> Array:
     return np.asarray(n / (1.0 + memory * n / times))
 
 
+def mean_half(worth: Array) -> Array:
+    """Half width that holds 68 % of the errors of a mean, in standard deviations of its values (Student's t); worth: so
+    many independent values, see `independent`."""
+    return np.asarray(scipy.special.stdtrit(free(worth), scipy.special.ndtr(1.0)) / np.sqrt(worth))
+
+
+def free(worth: Array) -> Array:
+    """Degrees of freedom of a scatter about the mean of the same values; half of one at least."""
+    return np.asarray(np.maximum(worth, 1.5) - 1.0)
+
+
 class Steady(NamedTuple):
     """Of a flow, all (ny, nx); NaN where too little was measured.
 
@@ -79,7 +90,7 @@ def steady(fields: Iterable[Velocities], u: Memory, v: Memory) -> Steady:
     """Mean and fluctuations of fields of equal shape; u, v: what the components remember. ValueError for no field.
 
     What one vector is uncertain by is taken from the squares: a velocity that never changes has no fluctuation. The
-    uncertainty of a stress is that of Gaussian fluctuations.
+    uncertainty of a stress is that of Gaussian fluctuations. Sigmas hold 68 % of the errors, of few fields too.
     """
     times, n, first, sums = 0, np.zeros(0), [np.zeros(0)] * 2, np.zeros(0)
     for f in fields:
@@ -93,25 +104,25 @@ def steady(fields: Iterable[Velocities], u: Memory, v: Memory) -> Steady:
         times += 1
     if times == 0:
         raise ValueError("steady: no field")
-    known = np.where(n >= 3, n, np.nan)  # fewer measured vectors have no fluctuation
+    known = np.where(n >= 2, n, np.nan)  # a single measured vector has no fluctuation
     u_worth, v_worth, uu_worth, vv_worth, uv_worth = (
         independent(known, times, m) for m in (u.mean, v.mean, u.square, v.square, math.sqrt(u.square * v.square))
     )
     a, b, aa, bb, ab, u_noise, v_noise = sums / known
-    # a mean is made of the same values: what they are worth, less one, is left for the squares
-    uu = (aa - a * a) / (1.0 - 1.0 / np.maximum(u_worth, 1.5))
-    vv = (bb - b * b) / (1.0 - 1.0 / np.maximum(v_worth, 1.5))
-    uv = (ab - a * b) / (1.0 - 1.0 / np.maximum(np.sqrt(u_worth * v_worth), 1.5))
+    both = np.sqrt(u_worth * v_worth)
+    uu, vv, uv = (
+        q * (1.0 + 1.0 / free(w)) for q, w in ((aa - a * a, u_worth), (bb - b * b, v_worth), (ab - a * b, both))
+    )
     return Steady(
         first[0] + a,
         first[1] + b,
-        np.sqrt(uu / u_worth),
-        np.sqrt(vv / v_worth),
+        np.sqrt(uu) * mean_half(u_worth),
+        np.sqrt(vv) * mean_half(v_worth),
         uu - u_noise,
         vv - v_noise,
         uv,
-        uu * np.sqrt(2.0 / uu_worth),
-        vv * np.sqrt(2.0 / vv_worth),
-        np.sqrt((uu * vv + uv * uv) / uv_worth),
+        uu * np.sqrt(2.0 / free(uu_worth)),
+        vv * np.sqrt(2.0 / free(vv_worth)),
+        np.sqrt((uu * vv + uv * uv) / free(uv_worth)),
         n,
     )

@@ -55,6 +55,6 @@ def plot_field(field: xr.Dataset, what: str, axis: Axes) -> Axes:
     axis.get_figure(root=True).colorbar(seen, ax=axis, label=label, shrink=0.85)  # type: ignore[union-attr]
     axis.set(xlabel=f"x [{shown}]", ylabel=f"y [{shown}] (up)")
     if "t" in field.coords and field.t.size == 1:
-        axis.set_title(f"t = {float(field.t):.4g} s")
+        axis.set_title(f"t = {float(field.t):.4g} {field.t.attrs.get('units', 's')}")
     axis.grid(False)
     return axis

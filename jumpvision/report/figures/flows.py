@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
 from jumpvision.experiment.inputs.sections import NotApplicable
-from jumpvision.experiment.results.fields import Piv, Statistics, by_time
+from jumpvision.experiment.results.fields import Piv, Statistics, by_time, rate_of, unit_of
 from jumpvision.experiment.results.tables import Profiles
 from jumpvision.experiment.workflow.stage import stage
 from jumpvision.films.vision.piv.pair import MASKED, REASONS
@@ -158,12 +158,12 @@ def tall(data: xr.Dataset, rows: int, most: float) -> float:
 def maps(field: xr.Dataset, flow: xr.Dataset, i: int, unit: str, Figure: NewFigure) -> Figure:
     """Speed with streamlines, vorticity, shear rate and divergence at time i. unit: of places, "m" or "px"."""
     f, g = (a.isel(t=i).transpose("y", "x").sortby("y") for a in (field, flow))
-    figure = Figure(figsize=(9.6, tall(f, 2, 9.0)), layout="compressed")
+    figure, rate = Figure(figsize=(9.6, tall(f, 2, 9.0)), layout="compressed"), rate_of(f)
     panels = (
-        Map(f"speed [{unit}/s]", np.hypot(f.u.values, f.v.values), MAP),
-        Map("vorticity [1/s]", g.vorticity.values, SIGNED, True),
-        Map("shear rate [1/s]", g.shear_rate.values, "magma"),
-        Map("divergence [1/s]", g.divergence.values, SIGNED, True),
+        Map(f"speed [{unit_of(f.u)}]", np.hypot(f.u.values, f.v.values), MAP),
+        Map(f"vorticity [{rate}]", g.vorticity.values, SIGNED, True),
+        Map(f"shear rate [{rate}]", g.shear_rate.values, "magma"),
+        Map(f"divergence [{rate}]", g.divergence.values, SIGNED, True),
     )
     draw_maps(figure, (2, 2), f, unit, panels, f"t = {float(f.t):.4g} s")
     return figure
@@ -182,13 +182,14 @@ def streamlines(axis: Axes, x: Array, y: Array, u: Array, v: Array) -> None:
 def statistics_picture(found: Statistics, piv: Piv) -> StatisticsPicture:
     """Mean speed with streamlines, mean vorticity, fluctuations of both components and the Reynolds shear stress."""
     data, unit = found.field.transpose("y", "x").sortby("y"), piv.geometry.unit
+    speed, square = unit_of(data.u), unit_of(data.uv).replace("^2", "²")
     panels = (
-        Map(f"mean speed [{unit}/s]", np.hypot(data.u.values, data.v.values), MAP),
-        Map("mean vorticity [1/s]", data.vorticity.values, SIGNED, True),
-        Map(f"u rms [{unit}/s]", data.u_rms.values, "magma"),
-        Map(f"v rms [{unit}/s]", data.v_rms.values, "magma"),
-        Map(f"u'v' [{unit}²/s²]", data.uv.values, SIGNED, True),
-        Map(f"energy (u'² + v'²)/2 [{unit}²/s²]", data.tke.values, "magma"),
+        Map(f"mean speed [{speed}]", np.hypot(data.u.values, data.v.values), MAP),
+        Map(f"mean vorticity [{rate_of(data)}]", data.vorticity.values, SIGNED, True),
+        Map(f"u rms [{speed}]", data.u_rms.values, "magma"),
+        Map(f"v rms [{speed}]", data.v_rms.values, "magma"),
+        Map(f"u'v' [{square}]", data.uv.values, SIGNED, True),
+        Map(f"energy (u'² + v'²)/2 [{square}]", data.tke.values, "magma"),
     )
     with styled() as Figure:
         figure = Figure(figsize=(9.6, tall(data, 3, 11.0)), layout="compressed")
@@ -199,7 +200,7 @@ def statistics_picture(found: Statistics, piv: Piv) -> StatisticsPicture:
 @stage(version=1, picture=True)
 def profiles_picture(found: Profiles, piv: Piv) -> ProfilesPicture:
     """Mean velocity along and across every line, with its ±2σ, and the fluctuations."""
-    table, unit = found.table, piv.geometry.unit
+    table, unit = found.table, unit_of(piv.field.u)
     factor, shown = (1e3, "mm") if piv.geometry.metric else (1.0, "px")
     lines = [part for _, part in table.groupby("line")]
     with styled() as Figure:
@@ -214,8 +215,8 @@ def profiles_picture(found: Profiles, piv: Piv) -> ProfilesPicture:
                 row[1].plot(s, part[name], color=colour, label=name.replace("_", " "))
             a, b = part.iloc[0], part.iloc[-1]
             ends = f"({a.x * factor:.4g}, {a.y * factor:.4g}) to ({b.x * factor:.4g}, {b.y * factor:.4g}) {shown}"
-            row[0].set(title=ends, ylabel=f"mean velocity [{unit}/s]", xlabel=f"s [{shown}]")
-            row[1].set(ylabel=f"fluctuation [{unit}/s]", xlabel=f"s [{shown}]")
+            row[0].set(title=ends, ylabel=f"mean velocity [{unit}]", xlabel=f"s [{shown}]")
+            row[1].set(ylabel=f"fluctuation [{unit}]", xlabel=f"s [{shown}]")
             for axis in row:
                 axis.axhline(0.0, color=QUIET, lw=0.6)
                 axis.legend(fontsize=7)

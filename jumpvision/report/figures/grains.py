@@ -9,7 +9,7 @@ import numpy as np
 
 from jumpvision.base.arrays import AnyArray
 from jumpvision.experiment.inputs.sections import Calibration, GrainVideo, PivField
-from jumpvision.experiment.results.fields import Column, Flow, Piv, by_time
+from jumpvision.experiment.results.fields import Column, Flow, Piv, by_time, unit_of
 from jumpvision.experiment.results.values import Fits
 from jumpvision.experiment.stages.recordings import open_grains
 from jumpvision.experiment.workflow.stage import stage
@@ -67,7 +67,7 @@ def piv_picture(
             axis.legend(loc="lower right", facecolor="white", frameon=True)
         axis.set_xlim(extent[0], extent[1])
         axis.set_ylim(extent[2], extent[3])
-        figure.colorbar(arrows, ax=axis, label=f"speed [{grid.unit}/s]", shrink=0.8)
+        figure.colorbar(arrows, ax=axis, label=f"speed [{unit_of(field.u)}]", shrink=0.8)
         share = float((field.chc.isel(t=i) > 0).sum() / np.isfinite(field.u.isel(t=i)).sum())
         axis.set(
             title=f"t = {float(field.t[i]):.3f} s, {100 * share:.1f} % of vectors measured",

@@ -18,7 +18,7 @@ from jumpvision.base.arrays import Array, Image
 from jumpvision.base.progress import watch
 from jumpvision.experiment.inputs.parameters import OverlayParams
 from jumpvision.experiment.inputs.sections import Calibration, GrainVideo, NotApplicable, RodVideo
-from jumpvision.experiment.results.fields import Column, Flow, Piv, Planes
+from jumpvision.experiment.results.fields import Column, Flow, Piv, Planes, unit_of
 from jumpvision.experiment.results.tables import Track
 from jumpvision.experiment.stages.recordings import open_film, open_grains
 from jumpvision.experiment.workflow.stage import stage
@@ -215,7 +215,7 @@ class Drawing(View):
         tops = [np.nanmax(s) for s in map(self.speed, self.planes) if np.isfinite(s).any()]
         self.top = float(np.quantile(tops, 0.95)) if tops and max(tops) > 0 else 1.0
         apart = abs(self.column[every] - self.column[0]) if field.sizes["x"] > every else 16 * self.zoom
-        self.length = 2.0 * apart / self.top  # px per unit of speed
+        self.length, self.unit = 2.0 * apart / self.top, unit_of(field.u)  # px per unit of speed
 
     @staticmethod
     def speed(f: xr.Dataset) -> NDArray[np.float64]:
@@ -239,7 +239,7 @@ class Drawing(View):
     def legend(self, picture: Image, t: float) -> Bgr:
         """The picture over a strip with the time, and an arrow with its speed."""
         value = float(f"{self.top:.1g}")
-        text = f"t = {t:.4f} s     {value:g} {self.grid.unit}/s"
+        text = f"t = {t:.4f} s     {value:g} {self.unit}"
         picture = captioned(picture, text)
         height = picture.shape[0]
         (wide, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.45, 1)

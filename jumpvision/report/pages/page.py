@@ -94,6 +94,7 @@ def write_campaign(
     mark: str,
     *,
     draws: str,
+    undiagnosed: str = "",
 ) -> None:
     """Render the page of a campaign.
 
@@ -113,6 +114,7 @@ def write_campaign(
     motors = driven(campaign, outcomes)
     swept = len({r.frequency for r in motors}) > 2
     sentence, facts = campaign_words(rows, diagnosis, crossing, len(intruded))
+    sentence += f" {undiagnosed[:1].upper()}{undiagnosed[1:]}." if undiagnosed else ""
     jumps = [r.cells() for r in rows]
     truth = Truth.of(campaign)
     links = {o.name: f"{quote(o.name)}/{files.REPORT}" for o in outcomes if o.results.is_dir()}

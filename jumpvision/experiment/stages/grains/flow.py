@@ -13,7 +13,7 @@ import xarray as xr
 from jumpvision.base.arrays import Array
 from jumpvision.experiment.inputs.parameters import FlowParams
 from jumpvision.experiment.inputs.sections import Bed, Clock, GrainVideo, PivField, Robot
-from jumpvision.experiment.results.fields import Flow, FlowGeometry, Piv, Planes
+from jumpvision.experiment.results.fields import Flow, FlowGeometry, Piv, Planes, rate_of
 from jumpvision.experiment.results.values import BedHeight
 from jumpvision.experiment.stages.bed.height import packing, packing_common
 from jumpvision.experiment.workflow.stage import StageWarning, stage
@@ -72,10 +72,10 @@ def derivatives(piv: Piv, half_width: int) -> xr.Dataset:
 
 
 def strained(piv: Piv, half_width: int) -> Iterator[dict[Hashable, xr.Variable]]:
-    """Shear rate, vorticity, divergence and swirl with their sigmas [1/s] over (y, x), time after time, of the
+    """Shear rate, vorticity, divergence and swirl with their sigmas over (y, x), time after time, of the
     unsmoothed vectors."""
     field = piv.as_matched
-    x, y = field.x.values, field.y.values
+    x, y, unit = field.x.values, field.y.values, rate_of(field)
     for f in Planes(field, MATCHED):
         u, v, u_sigma, v_sigma, measured = (f.variables[name].values for name in MATCHED)
         g = gradients(
@@ -93,7 +93,7 @@ def strained(piv: Piv, half_width: int) -> Iterator[dict[Hashable, xr.Variable]]
             "swirl": strain.swirl(g.u_x, g.u_y, g.v_x, g.v_y),
             "swirl_sigma": strain.swirl_sigma(g),
         }
-        yield {n: xr.Variable(("y", "x"), a, {"units": "1/s", **MEANING.get(n, {})}) for n, a in found.items()}
+        yield {n: xr.Variable(("y", "x"), a, {"units": unit, **MEANING.get(n, {})}) for n, a in found.items()}
 
 
 MATCHED = ("u", "v", "u_sigma", "v_sigma", "chc")

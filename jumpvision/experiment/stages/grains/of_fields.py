@@ -51,7 +51,7 @@ def statistics(
 ) -> xr.Dataset:
     """Mean velocity and vorticity, fluctuations and Reynolds stresses of a steady flow, with their sigmas.
 
-    fields: a field over t as `jv.piv` gives it of a stack, the file of one, or a sequence of ten or more fields or
+    fields: a field over t as `jv.piv` gives it of a stack, the file of one, or a sequence of two or more fields or
     files with the same vectors. first, last [s]: times outside are left out. about: as in `jv.flow`.
 
     Data set over (y, x) as in statistics.nc: u, v, vorticity, uu, vv, uv, u_rms, v_rms, tke, n. Raises InputError.

@@ -118,14 +118,15 @@ class Job(NamedTuple):
 
 @dataclass(frozen=True)
 class Ready:
-    """A film that is ready to be matched. film: its section in the pixels of its frames; head: places and times of the
-    field; apart [s]: from frame to frame of each field's pairs.
+    """A film that is ready to be matched. film: its section in the pixels of its frames; at, head: places and times of
+    the field; apart [at.time]: from frame to frame of each field's pairs.
     """
 
     frames: Film
     film: GrainVideo
     job: Job
     usable: Usable | None
+    at: Places
     head: xr.Dataset
     apart: Array
 
@@ -135,7 +136,7 @@ class Ready:
 
     def planes(self, fields: Iterable[VectorField], first: int = 0) -> Iterator[xr.Dataset]:
         """Pixel fields, from number `first` on, as velocities over (y, x)."""
-        return (velocities(f, self.film.scale, d) for f, d in zip(fields, self.apart[first:]))
+        return (velocities(f, self.at, d) for f, d in zip(fields, self.apart[first:]))
 
     def alone(self, k: int) -> Piv:
         """Field number k of the film, as it is among all others."""
@@ -150,8 +151,9 @@ def ready(
     calibration: Calibration | None,
     mask: GrainMask | None,
     p: PivParams,
+    time: str = "s",
 ) -> Iterator[Ready]:
-    """Open the film of a section, with what its pairs have in common: foot, masks and light."""
+    """Open the film of a section, with what its pairs have in common: foot, masks and light. time: as in Places."""
     straight, film = open_grains(given, calibration)
     stride = stride_of(film, p)
     with straight as frames:
@@ -168,12 +170,13 @@ def ready(
         coded, said = coding(frames, frames)
         if said:
             warnings.warn(StageWarning("frames", said, film.name), stacklevel=4)
-        head = header(frames.time, frames.shape, placed(film), stride, p)
+        at = placed(film)._replace(time=time)
+        head = header(frames.time, frames.shape, at, stride, p)
         if foot is not None:
             add_foot(head, foot, frames.time, film, stride, p)
         job = Job(given, mask, calibration, robot, foot, light, stride, coded, p)
         begin, end = ends(frames.time, stride, p)
-        yield Ready(frames, film, job, usable, head, of_fields(end - begin, p))
+        yield Ready(frames, film, job, usable, at, head, of_fields(end - begin, p))
 
 
 def matched(frames: Film, job: Job, usable: Usable | None) -> Iterator[VectorField]:

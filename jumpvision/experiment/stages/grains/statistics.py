@@ -10,18 +10,19 @@ import pandas as pd
 import xarray as xr
 
 from jumpvision.base.arrays import Array
+from jumpvision.base.numbers import counted
 from jumpvision.experiment.inputs.parameters import ProfilesParams, StatisticsParams
 from jumpvision.experiment.inputs.sections import NotApplicable
-from jumpvision.experiment.results.fields import Flow, Piv, Planes, Statistics, unit_of
+from jumpvision.experiment.results.fields import Flow, Piv, Planes, Statistics, rate_of, unit_of
 from jumpvision.experiment.results.tables import Profiles
 from jumpvision.experiment.workflow.stage import stage
-from jumpvision.films.grains.steady import Memory, Velocities, independent, steady
+from jumpvision.films.grains.steady import Memory, Velocities, independent, mean_half, steady
 
 SERIES = 4_000_000  # numbers that are held at once to learn how long a flow remembers
 AT_MOST = 256  # vectors that it is learned from
 
 
-@stage(version=2)
+@stage(version=3)
 def statistics(piv: Piv, flow: Flow, *, p: StatisticsParams) -> Statistics:
     """Mean velocity and vorticity, fluctuations and Reynolds stresses of a steady flow.
 
@@ -32,18 +33,18 @@ def statistics(piv: Piv, flow: Flow, *, p: StatisticsParams) -> Statistics:
     if "foot_y" in field:
         raise NotApplicable(["statistics: the foot of [grain_video] moves: no steady flow"])
     chosen = field.isel(t=np.flatnonzero((field.t.values >= p.first) & (field.t.values <= p.last)))
-    if chosen.sizes["t"] < 10:  # of fewer the scatter of a mean is not known
-        raise NotApplicable([f"statistics: {chosen.sizes['t']} fields; a mean needs 10"])
+    if chosen.sizes["t"] < 2:
+        raise NotApplicable([f"statistics: {counted(chosen.sizes['t'], 'field')}; the scatter of a mean needs 2"])
     found = steady(of_times(chosen), *(Memory.of(x) for x in remembered(chosen)))
-    unit = unit_of(field.u)
-    square = f"{unit.split('/')[0]}^2/s^2"
+    unit, rate = unit_of(field.u), rate_of(field)
+    square = unit.replace("/", "^2/") + "^2"
     values: dict[str, tuple[Array, str]] = {
         **{n: (getattr(found, n), unit) for n in ("u", "v", "u_sigma", "v_sigma")},
         **{n: (getattr(found, n), square) for n in ("uu", "vv", "uv", "uu_sigma", "vv_sigma", "uv_sigma")},
         "u_rms": (np.sqrt(np.maximum(found.uu, 0.0)), unit),
         "v_rms": (np.sqrt(np.maximum(found.vv, 0.0)), unit),
         "tke": (0.5 * (found.uu + found.vv), square),
-        **{n: (a, "1/s") for n, a in zip(("vorticity", "vorticity_sigma"), mean_of(flow.field.vorticity, chosen.t))},
+        **{n: (a, rate) for n, a in zip(("vorticity", "vorticity_sigma"), mean_of(flow.field.vorticity, chosen.t))},
         "n": (found.n, "1"),
     }
     data = xr.Dataset(
@@ -61,7 +62,7 @@ def of_times(field: xr.Dataset) -> Iterator[Velocities]:
 
 
 def mean_of(values: xr.DataArray, t: xr.DataArray) -> tuple[Array, Array]:
-    """Mean (y, x) of values (y, x, t) at the times t and its standard uncertainty; NaN where fewer than 3 are known.
+    """Mean (y, x) of values (y, x, t) at the times t and its standard uncertainty; NaN where fewer than 2 are known.
 
     A long film is read part by part.
     """
@@ -73,12 +74,12 @@ def mean_of(values: xr.DataArray, t: xr.DataArray) -> tuple[Array, Array]:
         first = np.where((n == 0) & known, a, first)  # near the mean: squares lose nothing to rounding
         off = np.where(known, a - first, 0.0)
         n, total, squares = n + known, total + off, squares + off * off
-    n[n < 3] = np.nan
+    n[n < 2] = np.nan
     series = evenly(field).a.transpose("t", "y", "x").values.reshape(field.sizes["t"], -1)
-    series = series[:, np.isfinite(series).sum(axis=0) >= 3]
+    series = series[:, np.isfinite(series).sum(axis=0) >= 2]
     memory = Memory.of(series).mean if series.size else 0.0
     scatter = np.sqrt(np.maximum(squares - total**2 / n, 0.0) / (n - 1.0))
-    return first + total / n, scatter / np.sqrt(independent(n, field.sizes["t"], memory))
+    return first + total / n, scatter * mean_half(independent(n, field.sizes["t"], memory))
 
 
 def remembered(field: xr.Dataset) -> list[Array]:
