@@ -12,13 +12,12 @@ import time
 from pathlib import Path
 
 import pytest
-from shared import ROOT, SAMPLES, later
+from shared import ROOT, SAMPLES
 
 for _threads in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):  # before numpy is imported, as the command line does:
     os.environ.setdefault(_threads, "1")  # matrices here are small, and threads of two workers wait for one another
 
 KEPT = pytest.StashKey[bool]()  # what Python was told of bytecode
-__all__ = ["ROOT", "SAMPLES", "later"]
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
-from test_ball import BACK, CONTRAST, ball_image, camera
 
 from jumpvision.films.vision.ball import film
 from jumpvision.films.vision.ball.background import SceneSum
 from jumpvision.films.vision.ball.film import FilmTracker, track_film
 from jumpvision.films.vision.ball.track import BallSettings
+from tests.worlds.ball_pictures import BACK, CONTRAST, ball_image, camera
 
 N, SHAPE, D = 200, (110, 130), 14.0
 CUTS = (61, 75, 120, 163)

@@ -10,7 +10,6 @@ import av
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
-from test_ball import BACK, CONTRAST, ball_image, camera
 
 from jumpvision.cli import main
 from jumpvision.experiment.inputs.experiment import open_experiment
@@ -24,6 +23,7 @@ from jumpvision.films.vision.ball.background import Kept, Window
 from jumpvision.films.vision.ball.film import FilmTracker, track_film
 from jumpvision.films.vision.ball.track import BallSettings, BallTracker
 from jumpvision.report.figures.overlays import TrackFilm
+from tests.worlds.ball_pictures import BACK, CONTRAST, ball_image, camera
 
 results_stages()  # this file may run alone
 
