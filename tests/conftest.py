@@ -117,37 +117,41 @@ def results(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def browser():
-    playwright = pytest.importorskip(
-        "playwright.sync_api", reason="playwright is not installed: pip install playwright"
-    )
-    names = ("chromium", "chromium-browser", "google-chrome")
-    path = os.environ.get("JUMPVISION_CHROMIUM") or next(filter(None, map(shutil.which, names)), None)
+def playwright():
+    """The one of a process, which starts no second; its event loop runs until the module's end."""
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install playwright")
+    with api.sync_playwright() as p:
+        yield p
+
+
+def program(variable: str, *names: str) -> str:
+    """Path of a browser, else the test is skipped."""
+    path = os.environ.get(variable) or next(filter(None, map(shutil.which, names)), None)
     if path is None:
-        pytest.skip("no chromium, chromium-browser or google-chrome in PATH; JUMPVISION_CHROMIUM may name one")
-    with playwright.sync_playwright() as p:
-        b = p.chromium.launch(executable_path=path, args=["--no-sandbox", "--disable-gpu"])
-        yield b
-        b.close()
+        pytest.skip(f"no {' or '.join(names)} in PATH; {variable} may name one")
+    return path
 
 
 @pytest.fixture(scope="module")
-def firefox():
+def browser(playwright):
+    path = program("JUMPVISION_CHROMIUM", "chromium", "chromium-browser", "google-chrome")
+    b = playwright.chromium.launch(executable_path=path, args=["--no-sandbox", "--disable-gpu"])
+    yield b
+    b.close()
+
+
+@pytest.fixture(scope="module")
+def firefox(playwright):
     """A stock Firefox over WebDriver BiDi, as a context with nothing emulated; playwright's own build is not needed."""
-    playwright = pytest.importorskip(
-        "playwright.sync_api", reason="playwright is not installed: pip install playwright"
-    )
-    names = ("firefox", "firefox-esr")
-    path = os.environ.get("JUMPVISION_FIREFOX") or next(filter(None, map(shutil.which, names)), None)
-    if path is None:
-        pytest.skip("no firefox or firefox-esr in PATH; JUMPVISION_FIREFOX may name one")
-    with playwright.sync_playwright() as p:
-        still = {"ui.prefersReducedMotion": 1}
-        given = dict.fromkeys(("color_scheme", "reduced_motion", "forced_colors", "contrast"), "null")
-        try:
-            b = p.firefox.launch(channel="moz-firefox", executable_path=path, firefox_user_prefs=still)
-            context = b.new_context(viewport={"width": 1280, "height": 800}, **given)
-        except playwright.Error as error:  # other BiDi commands than this Firefox has; 1.58 drives Firefox 153
-            pytest.skip(f"this playwright cannot drive {path}: {str(error).splitlines()[0]}")
-        yield context
-        b.close()
+    path = program("JUMPVISION_FIREFOX", "firefox", "firefox-esr")
+    still = {"ui.prefersReducedMotion": 1}
+    given = dict.fromkeys(("color_scheme", "reduced_motion", "forced_colors", "contrast"), "null")
+    try:
+        b = playwright.firefox.launch(channel="moz-firefox", executable_path=path, firefox_user_prefs=still)
+        context = b.new_context(viewport={"width": 1280, "height": 800}, **given)
+    except Exception as error:  # other BiDi commands than this Firefox has; 1.58 drives Firefox 153
+        if type(error).__module__.partition(".")[0] != "playwright":
+            raise
+        pytest.skip(f"this playwright cannot drive {path}: {str(error).splitlines()[0]}")
+    yield context
+    b.close()
