@@ -81,7 +81,8 @@ def edit_toml(at: Path, old: str, new: str) -> None:
 
 
 def entry(at: Path) -> Path:
-    return next((at / "results" / ".cache" / "fit").iterdir())
+    """The entry that was made last, which is in use."""
+    return max((at / "results" / ".cache" / "fit").iterdir(), key=lambda f: f.stat().st_ctime_ns)
 
 
 @pytest.mark.parametrize("settled", [False, True])
