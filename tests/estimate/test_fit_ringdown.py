@@ -39,6 +39,15 @@ def test_sigmas_are_the_true_errors(amplitude, noise, span, f0):
     assert set(r.estimates()) == {"zeta", "frequency_hz", "omega0"}
 
 
+def test_amplitude_and_phase_are_those_drawn():
+    """300 frames of noise a 150th: of a cosine known but for its frequency and damping, sigma is below .004."""
+    for phase in (-2.0, 0.4, 1.9):
+        tau = np.arange(300) / 200.0
+        x = 3e-3 * np.exp(-ZETA * 60.0 * tau) * np.cos(60.0 * tau + phase)
+        r = ring_down(tau + 3.0, x + np.random.default_rng(2).normal(0.0, 2e-5, 300), np.full(300, 2e-5))
+        assert r.phase == pytest.approx(phase, abs=0.02) and r.amplitude == pytest.approx(3e-3, rel=0.02)
+
+
 def test_noise_alone_is_not_an_oscillation():
     rng = np.random.default_rng(1)
     t = np.arange(150) / 200.0

@@ -133,6 +133,11 @@ def test_the_number_that_varies_counts_the_frames():
     assert "iA_4.png" in told
 
 
+def test_pictures_counted_by_two_numbers_come_in_the_order_of_both():
+    names = ["day10_2.png", "day2_10.png", "day2_9.png", "day10_1.png"]
+    assert numbering(Path("film"), names).names == ["day2_9.png", "day2_10.png", "day10_1.png", "day10_2.png"]
+
+
 def test_a_lost_frame_leaves_its_slot_where_stamps_are_whole_milliseconds():
     """A Matroska film without its 12th frame: the others stay on the grid of the declared rate, to rounding; saved at a
     playback rate of 30 Hz the steps are even to 3 %. Times that no even rate explains stay as they are."""

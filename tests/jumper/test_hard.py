@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from jumpvision.jumper.mechanisms.registry import ModelParameters
 from jumpvision.jumper.physics.forcing import Segments, Spline, delayed, sincos, sinusoid
-from jumpvision.jumper.physics.hard.jump import hard_jump, hard_map, hard_sweep
+from jumpvision.jumper.physics.hard.jump import half_cycle_rows, hard_jump, hard_map, hard_sweep
 from jumpvision.jumper.physics.model import Model
 from jumpvision.jumper.physics.sand.jump import simulate
 
@@ -264,3 +264,22 @@ def test_a_bad_law_or_time_is_refused():
         hard_sweep(broken, **THESIS)
     with pytest.raises(ValueError, match="spline"):
         hard_jump(**THESIS, forcing=Spline(np.array([0.0, 1.0]), np.full((4, 1), np.nan)), t=None, t_end=1.0)
+
+
+def test_the_impulse_of_a_velocity_step_is_the_kinetic_energy_that_it_gives():
+    """At rest on the spring nothing else acts in an instant: momentum stays 0, and the motor leaves the rod at X_m'."""
+    law = Segments(half_cycle_rows(6.0, 9.0, 0.01, 0.3, 0.0))
+    step = 2.0 * math.pi * 6.0 * 0.01 * math.cos(0.3)
+    rod = -1.1 * step / (1.1 + 0.2)
+    found = hard_jump(
+        motor_mass=1.1, rod_mass=0.2, stiffness=3300.0, damping=1.2, gravity=9.81, landing_loss=0.0, forcing=law,
+        t=None, t_end=1.0,
+    )  # fmt: skip
+    energy = 0.5 * 0.2 * rod**2 + 0.5 * 1.1 * (rod + step) ** 2
+    assert found.impulse_work_J[0] == pytest.approx(energy, rel=1e-12)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.05])
+def test_each_half_cycle_lasts_half_a_period_of_its_own(delay):
+    rows = half_cycle_rows(5.0, 8.0, 0.01, 0.5 * math.pi, delay)
+    assert rows[0, :2] == pytest.approx([0.0, 0.1]) and rows[-1, 1] == pytest.approx(0.1 + delay + 0.0625)
