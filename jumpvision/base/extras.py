@@ -9,10 +9,10 @@ from .schema import InputError
 
 
 @contextmanager
-def needed(package: str, user: str, extra: str) -> Iterator[None]:
-    """Turn "no module" of an import into the command that installs it.
+def require_extra(package: str, user: str, extra: str) -> Iterator[None]:
+    """Turn "no module" of an import into an InputError with the command that installs it.
 
-    An installed package that cannot be imported says itself what it lacks: that error passes. Raises InputError.
+    The ImportError of a package that is installed passes: it states what is missing there.
     """
     try:
         yield

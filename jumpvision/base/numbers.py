@@ -12,8 +12,8 @@ def said(value: float | None, spec: str = ".3g", factor: float = 1.0) -> str:
     return UNKNOWN if value is None or not math.isfinite(value) else f"{value * factor:{spec}}"
 
 
-def counted(n: int, what: str) -> str:
-    """`1 jump`, `2 jumps`."""
+def format_count(n: int, what: str) -> str:
+    """Return `1 jump`, `2 jumps`."""
     return f"{n} {what}{'s' * (n != 1)}"
 
 

@@ -39,7 +39,7 @@ Powers = Mapping[str, float]
 
 @cache
 def unit_of(text: str) -> tuple[float, Powers]:
-    """Size of a unit such as `N s^0.5 m^-1.5` in base units, and their powers ("" or "1": none).
+    """Return the size of a unit such as `N s^0.5 m^-1.5` in base units, and their powers ("" or "1": none).
 
     Raises ValueError where it is no unit of the list.
     """
@@ -47,7 +47,7 @@ def unit_of(text: str) -> tuple[float, Powers]:
     powers: dict[str, float] = {}
     while rest and rest != "1":
         part = FACTOR.match(rest) if len(text) <= MAX_UNIT_LENGTH else None
-        factor, of = _named(part[2]) if part else (1.0, None)
+        factor, of = _find_unit(part[2]) if part else (1.0, None)
         if part is None or of is None:
             said = text if len(text) <= MAX_UNIT_LENGTH else f"{text[:MAX_UNIT_LENGTH]}..."
             raise ValueError(f"unknown unit '{said}'; write it as N s^0.5 m^-1.5, kg/m^3 or \"\" for none")
@@ -69,8 +69,16 @@ def factor(unit: str, wanted: str) -> float:
     return size / one
 
 
-def _named(name: str) -> tuple[float, str | None]:
-    """Size and base units of a name without a power; (1, None) where the list does not hold it."""
+def is_unit(text: str, like: str | None = None) -> bool:
+    """Return True if a text is a unit; like: and has the dimension of this one."""
+    try:
+        return bool(text) and factor(text, like or text) > 0.0
+    except ValueError:
+        return False
+
+
+def _find_unit(name: str) -> tuple[float, str | None]:
+    """Return size and base units of a name without a power; (1, None) where the list does not hold it."""
     if name == "1":
         return 1.0, ""
     if found := PLAIN.get(name) or WITH_PREFIX.get(name):
@@ -81,5 +89,5 @@ def _named(name: str) -> tuple[float, str | None]:
     for word in (name.lower(), name.lower().removesuffix("s")):
         for spelt, short in {"": "", **SPELT_PREFIXES}.items():
             if word.startswith(spelt) and (symbol := WORDS.get(word[len(spelt) :])):
-                return _named(short + symbol)
+                return _find_unit(short + symbol)
     return 1.0, None

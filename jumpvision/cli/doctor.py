@@ -53,7 +53,7 @@ def findings(folder: Path) -> list[Finding]:
 
 
 def packages() -> list[Finding]:
-    """Versions of what jumpvision's own metadata list, its extras too; what is missing names its remedy."""
+    """List the versions of all packages in jumpvision's metadata, extras too, and the command for a missing one."""
     listed: dict[str, str] = {}  # package: its extra, "" where it is needed
     for text in requires(__package__.partition(".")[0]) or []:
         name, _, condition = text.partition(";")

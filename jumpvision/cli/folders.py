@@ -117,12 +117,12 @@ def work(
             draw=diagnosis_png,
             pictured=options.pictures,
             say=progress.question,
-            beside=partial(_pages_beside, results) if report and number > 1 else None,
+            background=partial(_write_pages_meanwhile, results) if report and number > 1 else None,
         )
 
 
 @contextlib.contextmanager
-def _pages_beside(results: Path, campaign: Campaign, outcomes: list[Outcome]) -> Iterator[None]:
+def _write_pages_meanwhile(results: Path, campaign: Campaign, outcomes: list[Outcome]) -> Iterator[None]:
     """Write the experiments' pages in another process; those that it cannot write are left to `show`."""
     from jumpvision.base.progress import worker_pool
     from jumpvision.report.pages.report import write_pages
@@ -185,7 +185,7 @@ def show(done: Run, options: Options, *, page: bool = False) -> int:
                 single=done.single,
                 warned=done.warnings,
                 diagnosis=done.diagnosis,
-                undiagnosed=done.undiagnosed,
+                no_diagnosis=done.no_diagnosis,
             )
         )
     terminal.outcome(done, as_json=options.json, whole=options.table)

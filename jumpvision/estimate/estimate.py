@@ -125,17 +125,21 @@ def least_squares_fit(
     start = np.asarray(start, dtype=float)
     half = np.broadcast_to(scale, start.shape)
 
-    # solvers take their first step from the size of the start: from 1e-9 they end there, and say success. What they
-    # see is the change from it, in scales, which begins at 0: a unit step
-    def moved(q: Array) -> Array:
+    # q: change from the start, in scales. Solvers step by the size of what they vary and report success at a start of
+    # 1e-9; from 0 they step by 1
+    def residual_of(q: Array) -> Array:
         return residual(start + half * q)
 
-    def slopes(q: Array) -> Array:
+    def jacobian_of(q: Array) -> Array:
         assert jacobian is not None
         return jacobian(start + half * q) * half
 
     try:
-        found = _solved(moved, start.size, slopes) if jacobian else _solved_by_differences(moved, start.size)
+        found = (
+            _solved(residual_of, start.size, jacobian_of)
+            if jacobian
+            else _solved_by_differences(residual_of, start.size)
+        )
     except (ValueError, np.linalg.LinAlgError):  # residuals became non-finite
         return None
     if found is None:
@@ -156,8 +160,10 @@ CLOSE = 1e-8  # relative change of chi2 or of the parameters, or cosine of resid
 def _solved(
     residual: Callable[[Array], Array], size: int, jacobian: Callable[[Array], Array]
 ) -> tuple[Array, Array, float] | None:
-    """(parameters, jacobian, chi2) from 0 by MINPACK's lmder. What `scipy.optimize.least_squares` puts around it takes
-    three times as long as the residuals of a short record."""
+    """Return (parameters, jacobian, chi2) from 0 by MINPACK's lmder.
+
+    `scipy.optimize.least_squares` takes three times as long around it as the residuals of a short record.
+    """
     start = np.zeros(size)
     if not np.isfinite(residual(start)).all():
         return None

@@ -22,7 +22,7 @@ LANES = 16  # pixels computed at a time; a run's last ones reach into the next r
 COEFFICIENTS = np.sqrt(3) * (np.sqrt(3) - 2) ** np.abs(np.arange(-9, 10))
 
 
-def resampled(image: Image, columns: Float32, rows: Float32) -> Image:
+def resample(image: Image, columns: Float32, rows: Float32) -> Image:
     """Read a picture (h, w) at columns, rows (m, n) [px]: (m, n) of its type; beyond its border the border's value."""
     beyond = EDGE + LANES // 2  # rows at the bottom: a last run of a narrow picture reads on into them
     wide = cv2.copyMakeBorder(np.asarray(image, np.float32), EDGE, beyond, EDGE, EDGE, cv2.BORDER_REFLECT_101)
@@ -51,7 +51,7 @@ def _read(first, last, c, columns, rows, white, out):  # type: ignore[no-untyped
 
 @nb.njit(cache=True, fastmath={"contract"})
 def read_row(c, weight, clear, frame, dx, dy, sign, j, part, knot, out, keep):  # type: ignore[no-untyped-def]
-    """Row j of the spline c at (x, y) + sign (dx, dy), and its weight.
+    """Read row j of the spline c at (x, y) + sign (dx, dy), and its weight.
 
     c: (1, rows, columns) knots every pixel; (2, 2 rows, columns) every half pixel, those of even columns and of odd.
     clear: the weight is 1 in the whole frame, which ends at pad, bottom and right of the padded one.
@@ -95,8 +95,10 @@ def read_row(c, weight, clear, frame, dx, dy, sign, j, part, knot, out, keep):  
 
 @nb.njit(cache=True, fastmath={"contract"})
 def _run(even, p, odd, q, width, apart, n, first, part, out):  # type: ignore[no-untyped-def]
-    """Cubic B-spline of n pixels from the first on, at the parts of a knot's distance; p, q: places of the first's
-    knots in the planes of rows of some width."""
+    """Sum the cubic B-spline of n pixels from the first on, at the parts of a knot's distance.
+
+    p, q: places of the first's knots in the planes of rows of some width.
+    """
     six, two3, half, one = np.float32(1 / 6), np.float32(2 / 3), np.float32(0.5), np.float32(1)
     w, far = np.uintp(width), np.uintp(apart)
     p, q, first = np.uintp(p), np.uintp(q), np.uintp(first)  # signed they would be tested for places before the first

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from jumpvision.base.arrays import Array
-from jumpvision.base.extras import needed
+from jumpvision.base.extras import require_extra
 from jumpvision.base.record import plain
 from jumpvision.base.schema import InputError, Toml
 from jumpvision.experiment.inputs.experiment import open_experiment
@@ -221,7 +221,7 @@ def make_plan(
 ) -> Planned:
     """The plan of a jump to an apex, or `over` an obstacle; neither: the highest. limits: by name, they replace the
     motor's. recorded: the jump that played the plan."""
-    with needed("casadi", "plan", "plan"):
+    with require_extra("casadi", "plan", "plan"):
         from jumpvision.jumper.planning.jumper import Drive
         from jumpvision.jumper.planning.plan import Planner, above, apexes
         from jumpvision.jumper.planning.transcription import Limits

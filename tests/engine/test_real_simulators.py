@@ -14,8 +14,8 @@ from scipy.integrate import solve_ivp
 
 import jumpvision as jv
 from jumpvision.base.schema import InputError
-from jumpvision.engine.simulators.fmu import _rows
-from jumpvision.engine.simulators.values import means
+from jumpvision.engine.simulators.fmu import _times_with_jumps
+from jumpvision.engine.simulators.values import step_means
 from jumpvision.estimate.estimate import least_squares_fit
 
 T = np.arange(0.0, 1.0, 0.01)
@@ -290,14 +290,16 @@ def test_the_mean_of_a_step_is_the_integral():
     x, ends = rng.standard_normal(12), np.linspace(0.0, 1.0, 8)
     fine = (np.arange(20_000) + 0.5) / 20_000
     whole = [np.interp(a + (b - a) * fine, t, x).mean() for a, b in itertools.pairwise(ends)]
-    assert np.allclose(means(t, x, ends), whole, atol=6.0 / 20_000)  # a jump of less than 6 falls between two points
+    assert np.allclose(
+        step_means(t, x, ends), whole, atol=6.0 / 20_000
+    )  # a jump of less than 6 falls between two points
 
 
-def test_a_jump_is_two_rows_for_a_unit_that_integrates_by_itself():
+def test_a_jump_is_two_times_with_jumps_for_a_unit_that_integrates_by_itself():
     """As FMPy reads them: before the event the first, after it the second."""
     simulation = pytest.importorskip("fmpy.simulation")
     t, x = np.array([0.0, 0.5, 0.5, 1.0]), np.array([1.0, 1.0, 3.0, 3.0])
-    every = _rows([t, np.array([0.0, 1.0])])
+    every = _times_with_jumps([t, np.array([0.0, 1.0])])
     assert every.tolist() == [0.0, 0.5, 0.5, 1.0]
     for time, after, value in ((0.499999, False, 1.0), (0.5, False, 1.0), (0.5, True, 3.0), (0.75, False, 3.0)):
         assert simulation.Input.interpolate(time, every, x[None], after_event=after)[0] == pytest.approx(value)

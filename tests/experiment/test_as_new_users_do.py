@@ -144,7 +144,7 @@ def test_an_exposure_is_held_against_the_rate_that_times_the_film(tmp_path):
         warnings.simplefilter("ignore")
         with open_film(section) as film:
             assert film.rate == pytest.approx(200.0)
-        with pytest.raises(FrameError, match=r"at 500 Hz \(0.002 s\); the film's own stamps say 200 Hz"):
+        with pytest.raises(FrameError, match=r"at 500 Hz \(0.002 s\); 200 Hz by the film's own stamps"):
             open_film(replace(section, clock="declared"))
         with pytest.raises(
             FrameError, match=r"at 200 Hz \(0.005 s\): correct the rate, or the exposure \(in ms\? then give 4e-05"

@@ -19,7 +19,7 @@ from jumpvision.experiment.inputs.sections import RodVideo
 from jumpvision.experiment.inputs.vectors import read_vectors
 from jumpvision.experiment.stages.recordings import StraightFilm, open_film
 from jumpvision.films import FrameError, open_frames
-from jumpvision.films.resample import resampled
+from jumpvision.films.resample import resample
 from jumpvision.films.vision.camera import camera
 from jumpvision.films.vision.piv.engine import piv_pair
 
@@ -59,10 +59,10 @@ def test_a_picture_that_is_shifted_moves_by_the_shift(kind):
         return np.sum((read(picture, columns + np.float32(shift), rows) - true) * slope) / np.sum(slope**2)
 
     for shift in (0.2, 0.5, 0.8):
-        assert abs(error(shift, resampled)) < 0.001
-    assert resampled(picture, columns, rows).dtype == kind
+        assert abs(error(shift, resample)) < 0.001
+    assert resample(picture, columns, rows).dtype == kind
     if kind != np.float32:
-        assert np.array_equal(resampled(picture, columns, rows), picture[10:90, 10:90])
+        assert np.array_equal(resample(picture, columns, rows), picture[10:90, 10:90])
     cubic = error(0.2, lambda f, x, y: cv2.remap(f, x, y, cv2.INTER_CUBIC))
     assert abs(cubic) > 0.02  # the measure sees what is mended
 
@@ -71,7 +71,7 @@ def test_beyond_its_border_a_picture_goes_on_as_it_ends():
     for picture in (np.arange(12, dtype=np.uint8).reshape(3, 4), np.full((1, 1), 7, np.uint8)):
         rows, columns = np.mgrid[-3:8, -40:40]
         inside = np.clip(rows, 0, picture.shape[0] - 1), np.clip(columns, 0, picture.shape[1] - 1)
-        assert np.array_equal(resampled(picture, columns.astype(np.float32), rows.astype(np.float32)), picture[inside])
+        assert np.array_equal(resample(picture, columns.astype(np.float32), rows.astype(np.float32)), picture[inside])
 
 
 def test_a_lens_that_is_undone_leaves_no_pattern_in_the_mean_motion(tmp_path):

@@ -15,7 +15,7 @@ Dimension = Mapping[str, float]
 
 @cache
 def dimension(unit: str) -> tuple[tuple[str, float], ...]:
-    """Exponents of a unit such as `N s^0.5 m^-1.5` ("" or "1": none). Raises LawError where it is none."""
+    """Return the exponents of a unit such as `N s^0.5 m^-1.5` ("" or "1": none). Raises LawError where it is none."""
     try:
         _, powers = unit_of(unit)
     except ValueError as e:

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from jumpvision.base.arrays import Array
-from jumpvision.base.extras import needed
+from jumpvision.base.extras import require_extra
 from jumpvision.base.schema import InputError, closest
 from jumpvision.engine.study.study import Recording
 
-from .values import means, track_of, value_of
+from .values import step_means, track_of, value_of
 
 PARTS = 4  # steps of a driven unit from sample to sample: what is left of holding its inputs falls with their square
 REALS = ("Real", "Float32", "Float64")  # FMPy cuts what is given to another type down to a whole number
@@ -50,13 +50,13 @@ class Fmu:
         variables = {v.name: v for v in description.modelVariables}
         start = {place: value_of(name, p, r) for place, name in self.model.items()}
         tracks = {place: track_of(name, p, r) for place, name in self.drive.items()}
-        every = _rows([t for t, _ in tracks.values()]) if unit is None else ends[:-1]
+        every = _times_with_jumps([t for t, _ in tracks.values()]) if unit is None else ends[:-1]
         columns: dict[str, Array] = {}
         for place, (t, x) in tracks.items():
             if variables[place].type not in REALS or variables[place].variability in ("discrete", "tunable"):
                 columns[place] = x[np.maximum(np.searchsorted(t, every + 1e-6 * step, side="right") - 1, 0)]
             elif unit is not None:  # an input is held over a step: its mean does not lag by half of one
-                columns[place] = means(t, x, ends)
+                columns[place] = step_means(t, x, ends)
             else:
                 first = np.diff(every, append=math.inf) == 0.0  # of the two rows of a jump
                 columns[place] = np.where(first, np.interp(-every, -t[::-1], x[::-1]), np.interp(every, t, x))
@@ -129,8 +129,8 @@ def _takes_start(variable: Any, version: str) -> bool:
     return bool(simulation.settable_in_instantiated(variable) or simulation.settable_in_initialization_mode(variable))
 
 
-def _rows(times: Sequence[Array]) -> Array:
-    """All times of these series, each once, and twice where one of them has a jump; none of no series."""
+def _times_with_jumps(times: Sequence[Array]) -> Array:
+    """Merge the times of these series: each once, twice where one of them has a jump."""
     if not times:
         return np.empty(0)
     jumps = [t[1:][np.diff(t) == 0.0] for t in times]
@@ -140,7 +140,7 @@ def _rows(times: Sequence[Array]) -> Array:
 @functools.lru_cache(maxsize=8)
 def _unpacked(file: str) -> tuple[str, Any, Any]:
     """Where the unit lies unpacked as long as this process lives, its description, what simulates it."""
-    with needed("fmpy", "from_fmu", "fmu"):
+    with require_extra("fmpy", "from_fmu", "fmu"):
         import fmpy
     import atexit
     import shutil

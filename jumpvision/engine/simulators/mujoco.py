@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
-from jumpvision.base.extras import needed
+from jumpvision.base.extras import require_extra
 from jumpvision.base.schema import InputError, closest
 from jumpvision.engine.study.study import Recording
 
@@ -53,7 +53,7 @@ class MujocoModel:
         lags = {place: _delay(model, place) for place in (*self.channels.values(), *self.drive, self.law) if place}
         if lags.get(self.law):
             raise InputError([f"law: {self.law!r} has a delay of {lags[self.law]:g} s; a law acts at once"])
-        _undelay(model)
+        _remove_delays(model)
         exact, lag = mujoco.mjtDyn.mjDYN_FILTEREXACT, mujoco.mjtDyn.mjDYN_FILTER
         if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:  # whose stages do not see the exact lag's change
             model.actuator_dyntype[model.actuator_dyntype == exact] = lag
@@ -67,7 +67,7 @@ class MujocoModel:
         for place, name in self.start.items():
             _writer(data, place)(value_of(name, p, r))
         longest, begun = model.opt.timestep, 0.0
-        ends, samples = _ends(r.t, [t[1:][np.diff(t) == 0] for _, t, _ in drives], TINY * longest)
+        ends, samples = _step_ends(r.t, [t[1:][np.diff(t) == 0] for _, t, _ in drives], TINY * longest)
 
         def control(_: Any, now: Any) -> None:  # at every stage of a step: neither drive nor law lags by half of one
             # a jump of a drive lies between two steps: the last stage of the one before does not see it yet
@@ -147,7 +147,7 @@ def from_mujoco(
 
 
 def _mujoco() -> Any:
-    with needed("mujoco", "from_mujoco", "mujoco"):
+    with require_extra("mujoco", "from_mujoco", "mujoco"):
         import mujoco
     return mujoco
 
@@ -162,23 +162,23 @@ def _spec(xml: str, places: tuple[str, ...]) -> Any:
         raise InputError([f"the MuJoCo model {xml[:60]!r} cannot be read: {e}"]) from None
 
 
-def _ends(t: Array, jumps: Sequence[Array], least: float) -> tuple[Array, NDArray[np.intp]]:
-    """Where steps end: at all times t (n,) [s] and at the jumps between them; which of the ends are t's."""
+def _step_ends(t: Array, jumps: Sequence[Array], least: float) -> tuple[Array, NDArray[np.intp]]:
+    """Return where steps end, at all times t (n,) [s] and the jumps between them, and which of these are t's."""
     ends = np.unique(np.concatenate([t, *jumps]))
     ends = ends[(ends >= t[0]) & (ends <= t[-1]) & (np.diff(ends, append=math.inf) > least)]
     return ends, np.searchsorted(ends, t - least)
 
 
 def _delay(model: Any, place: str) -> float:
-    """The delay of the actuator that a place controls, or of the sensor that it is [s]; 0 of another place."""
+    """Return the delay [s] of the actuator or sensor at a place; 0 at another place."""
     kind, name, field, _ = _parts(place)
     if (kind, field) not in (("actuator", "ctrl"), ("sensor", "data")) or not hasattr(model, "actuator_delay"):
         return 0.0  # MuJoCo before 3.5 has no delays
     return float(getattr(model, f"{kind}_delay")[getattr(model, kind)(name).id])
 
 
-def _undelay(model: Any) -> None:
-    """Take all delays out of a compiled model; sensors with a period go on to hold what they read."""
+def _remove_delays(model: Any) -> None:
+    """Take all delays out of a compiled model; sensors with a period still hold their values."""
     if hasattr(model, "actuator_delay"):
         model.actuator_history[:, 0] = 0
         model.sensor_history[model.sensor_interval[:, 0] <= 0, 0] = 0

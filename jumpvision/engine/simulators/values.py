@@ -21,8 +21,8 @@ def value_of(name: str, parameters: Mapping[str, float], recording: Recording) -
 
 
 def track_of(name: str, parameters: Mapping[str, float], recording: Recording) -> tuple[Array, Array]:
-    """A number over time as times (n,) [s] and values (n,): constant, one at every recording.t, or (times, values); two
-    rows of one time are a jump. Raises InputError."""
+    """Return a number over time as times (n,) [s] and values (n,): constant, one at every recording.t, or
+    (times, values); two rows of one time are a jump. Raises InputError."""
     value, t = _found(name, parameters, recording), recording.t
     if np.ndim(value) == 0:
         return t[[0, -1]], np.full(2, float(value))
@@ -38,8 +38,8 @@ def track_of(name: str, parameters: Mapping[str, float], recording: Recording) -
     return times, values
 
 
-def means(times: Array, values: Array, ends: Array) -> Array:
-    """Return means of a series between successive `ends` (n + 1,) [s]: straight between its rows, kept outside."""
+def step_means(times: Array, values: Array, ends: Array) -> Array:
+    """Return the means of a series between successive `ends` (n + 1,) [s]: straight between its rows, kept outside."""
     times = np.concatenate([[min(times[0], ends[0]) - 1.0], times, [max(times[-1], ends[-1]) + 1.0]])
     values = values[[0, *range(values.size), -1]]
     whole = np.concatenate([[0.0], np.cumsum(np.diff(times) * 0.5 * (values[1:] + values[:-1]))])

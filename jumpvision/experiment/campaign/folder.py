@@ -61,7 +61,7 @@ class Run:
     plan: Plan
     outcomes: list[Outcome]
     diagnosis: Diagnosis | None = None
-    undiagnosed: str = ""  # why the model could not be tested where that was tried
+    no_diagnosis: str = ""  # why the model could not be tested where that was tried
     files: list[Path] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)  # on what earlier runs left
     shown: bool = False  # the watcher has shown what was found
@@ -107,7 +107,7 @@ def run_folder(
     draw: Draw,
     pictured: bool = True,
     say: Callable[[str], None],
-    beside: Callable[[Campaign, list[Outcome]], AbstractContextManager[None]] | None = None,
+    background: Callable[[Campaign, list[Outcome]], AbstractContextManager[None]] | None = None,
 ) -> Run:
     """Run the plan on every experiment, write what only a campaign shows, question its model; then draw the pictures.
 
@@ -115,7 +115,7 @@ def run_folder(
     ask: question the model, or raise InputError; None: where everything is run and jumps have a [model], or say why
     not. draw: of the diagnosis' picture; pictured: whether it is put among the results.
     say: is told what the questioning finds on its way.
-    beside: entered while the model is questioned, with the outcomes that nothing is left to draw of.
+    background: context entered while the model is questioned, with the outcomes whose pictures are complete.
     """
     campaign = as_campaign(opened)
     _apart(campaign, plan.results, single=isinstance(opened, Experiment))
@@ -130,9 +130,9 @@ def run_folder(
             from .diagnose import question
 
             by_name = {o.name: o for o in run.outcomes}
-            drawn = [o for o in run.outcomes if not o.undrawn]
+            complete = [o for o in run.outcomes if not o.undrawn]
             try:
-                with beside(campaign, drawn) if beside else nullcontext():
+                with background(campaign, complete) if background else nullcontext():
                     run.diagnosis, run.files = question(
                         campaign,
                         by_name,
@@ -147,8 +147,8 @@ def run_folder(
             except InputError as e:
                 if ask:
                     raise
-                run.undiagnosed = f"not diagnosed: {'; '.join(e.problems)}"
-                say(run.undiagnosed)
+                run.no_diagnosis = f"not diagnosed: {'; '.join(e.problems)}"
+                say(run.no_diagnosis)
         run.files += _craters(run)
         if watcher is not None:
             watcher.found(run)

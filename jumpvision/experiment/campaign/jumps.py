@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from jumpvision.base.arrays import Array
-from jumpvision.base.numbers import counted
+from jumpvision.base.numbers import format_count
 from jumpvision.base.schema import InputError, WarningRecord, read, warnings_in
 from jumpvision.engine.priors import Measured
 from jumpvision.experiment.inputs.experiment import Campaign, Experiment
@@ -91,7 +91,7 @@ def load_jumps(
         warned += [f"{e.name}: {t['message']}" for t in warnings_of_jump if not outcome.made(Simulation)]
     conditions = {j.condition for j in jumps}
     if len(jumps) < FEWEST or len(conditions) < CONDITIONS:
-        had = f"{counted(len(jumps), 'jump')} of {counted(len(conditions), 'condition')}"
+        had = f"{format_count(len(jumps), 'jump')} of {format_count(len(conditions), 'condition')}"
         lacking = "".join(f"; left out: {why}" for why in left_out)
         raise InputError([f"{had}; at least {FEWEST} of {CONDITIONS} are needed{lacking}"])
     return _conditioned(jumps), left_out, warned

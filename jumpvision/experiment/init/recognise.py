@@ -14,10 +14,10 @@ from typing import Any
 
 from jumpvision.base.arrays import Image
 from jumpvision.base.schema import InputError, StageWarning
-from jumpvision.base.units import factor
+from jumpvision.base.units import is_unit
 from jumpvision.experiment.inputs.channels import READERS as CHANNELS
 from jumpvision.experiment.inputs.held import Channel
-from jumpvision.experiment.inputs.logs import preamble
+from jumpvision.experiment.inputs.logs import count_preamble_lines
 from jumpvision.experiment.inputs.tracker import is_tracker, tracker
 from jumpvision.films.frames import Film, FrameError, open_frames
 from jumpvision.films.frames.opening import READERS
@@ -156,7 +156,7 @@ def recognised(folder: Path, name: str, section: str | None) -> Recording:
 
 def _table(path: Path, name: str) -> Recording:
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as f:
-        first = next(itertools.islice(f, preamble(path), None), "").strip()
+        first = next(itertools.islice(f, count_preamble_lines(path), None), "").strip()
     header = [c.strip() for c in next(csv.reader([first]), [])]
     if (section := _log_with(header)) is not None:
         return Recording(section, name, f"columns {', '.join(header)}")
@@ -199,20 +199,13 @@ def _by_unit(held: Sequence[Channel], timed: bool) -> tuple[str, dict[str, str]]
     found: dict[str, str] = {}
     for c in held:
         for column, unit in units.items():
-            if column not in found and _is_unit(c.unit, unit):
+            if column not in found and is_unit(c.unit, unit):
                 found[column] = c.name
     if not timed or "position_m" not in found:
         return None
     if "force_N" not in found:
         return "motor_log", found
     return "intrusion_log", {"depth_m": found["position_m"], "force_N": found["force_N"]}
-
-
-def _is_unit(stated: str, unit: str) -> bool:
-    try:
-        return bool(stated) and factor(stated, unit) > 0
-    except ValueError:
-        return False
 
 
 def _is_field(path: Path) -> bool:

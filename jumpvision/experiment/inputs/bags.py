@@ -10,24 +10,22 @@ from typing import Any
 
 import numpy as np
 
-from jumpvision.base.extras import needed
+from jumpvision.base.extras import require_extra
 from jumpvision.base.schema import InputError
 
 from .held import Channel, Held
 
 LARGEST = 10_000_000  # numbers of a log in memory
-MENDED_BY = {
-    ".mcap": "mcap recover",
-    ".bag": "rosbag reindex",
-    ".db3": "sqlite3 with .recover",
-}  # the formats' own tools
+REPAIR_TOOL = {".mcap": "mcap recover", ".bag": "rosbag reindex", ".db3": "sqlite3 with .recover"}  # of each format
 
 
 def bag(path: Path, asked: Collection[str]) -> Held:
-    """Channels TOPIC.FIELD, as `/drive.velocity.x`; of a series its place, `/scan.ranges.3`, or the name beside it,
-    `/joint_states.position.hip`. Their clock is the messages' own stamp, else the time at which they were recorded,
-    which is TOPIC.recorded too [s]."""
-    with needed("rosbags", f"{path}: reading bags", "ros"):
+    """Read channels TOPIC.FIELD, as `/drive.velocity.x`; of a series its place, `/scan.ranges.3`, or the
+    name beside it, `/joint_states.position.hip`.
+
+    Their clock is the messages' own stamp, else the time at which they were recorded, which is TOPIC.recorded too [s].
+    """
+    with require_extra("rosbags", f"{path}: reading bags", "ros"):
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     try:
@@ -61,7 +59,7 @@ def bag(path: Path, asked: Collection[str]) -> Held:
                 ]
             ) from None
         raise InputError(
-            [f"{path}: not a bag, or damaged ({e}); copy it again, or mend it: {MENDED_BY[path.suffix.lower()]}"]
+            [f"{path}: not a bag, or damaged ({e}); copy it again, or mend it: {REPAIR_TOOL[path.suffix.lower()]}"]
         ) from None
     names = [n for topic in rows.values() for n in topic[0]]
     channels = {n: c for t in wanted for n in asked if n.startswith(f"{t}.") and (c := _channel(n, rows[t], stamps[t]))}
@@ -93,7 +91,7 @@ def _channel(name: str, rows: list[dict[str, float]], stamps: list[int]) -> Chan
 
 
 def _profile(path: Path) -> str | None:
-    """The profile that the header of an MCAP file names; None where it is none."""
+    """Return the profile in the header of an MCAP file; None of another file."""
     with path.open("rb") as file:
         head = file.read(1024)
     if not head.startswith(b"\x89MCAP0\r\n\x01"):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jumpvision.base.arrays import AnyArray
-from jumpvision.base.extras import needed
+from jumpvision.base.extras import require_extra
 from jumpvision.base.schema import InputError
 
 from .bags import bag
@@ -27,7 +27,7 @@ UNPACKED = 1e9  # bytes of a log in memory, when it is decompressed
 
 def tdms(path: Path, asked: Collection[str]) -> Held:
     """Channels `Group/Channel`, or `Channel` where no other has that name."""
-    with needed("nptdms", f"{path}: reading TDMS", "tdms"):
+    with require_extra("nptdms", f"{path}: reading TDMS", "tdms"):
         from nptdms import TdmsFile
     try:
         # an open file, so that no index beside it is believed
@@ -155,7 +155,7 @@ def _gather(group: Any, h5py: Any, sets: list[h5py.Dataset], path: Path, depth: 
 
 def _modern(path: Path) -> Iterator[tuple[str, AnyArray]]:
     """MAT 7.3, which is HDF5 with its dimensions in reverse order."""
-    with needed("h5py", f"{path}: reading MAT 7.3 (but not what is saved with -v7)", "hdf5"):
+    with require_extra("h5py", f"{path}: MAT 7.3 (unlike -v7)", "hdf5"):
         import h5py
     from jumpvision.films.frames.arrays import elsewhere
 

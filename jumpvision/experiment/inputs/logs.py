@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from jumpvision.base.schema import InputError, closest
 from jumpvision.base.storage import irregular, settled, stamp
-from jumpvision.base.units import factor
+from jumpvision.base.units import factor, is_unit
 
 from .channels import BAGS, READERS
 from .held import Channel, Held, tell
@@ -195,17 +195,10 @@ def _told(channel: Channel) -> str:
 
 
 def _split(name: str) -> tuple[str, str]:
-    """Name and unit of `Position [mm]` or `Position (mm)`; "" where it states none."""
+    """Return name and unit of `Position [mm]` or `Position (mm)`; "" where it states none."""
     both = UNIT.fullmatch(name)
-    stated = both is not None and (both[2] or _is_unit(both[3]))  # in round brackets may stand any word
+    stated = both is not None and (both[2] or is_unit(both[3]))  # in round brackets may stand any word
     return (both[1], both[2] or both[3]) if both is not None and stated else (name, "")
-
-
-def _is_unit(word: str) -> bool:
-    try:
-        return factor(word, word) > 0
-    except ValueError:
-        return False
 
 
 def _factor(path: Path, column: str, channel: Channel) -> float:
@@ -250,7 +243,7 @@ def _table(path: Path, asked: Collection[str], columns: tuple[str, ...]) -> Held
         raw = pd.read_csv(
             path,
             header=None,
-            skiprows=preamble(path),
+            skiprows=count_preamble_lines(path),
             dtype=str,
             skipinitialspace=True,
             encoding="utf-8-sig",
@@ -275,8 +268,8 @@ def _table(path: Path, asked: Collection[str], columns: tuple[str, ...]) -> Held
     return Held(header, {n: Channel(n, rows[header.index(n)].to_numpy()) for n in asked if n in header})
 
 
-def preamble(path: Path) -> int:
-    """Lines before the header: comments of a measuring program (#), and the line that tells Excel its separator."""
+def count_preamble_lines(path: Path) -> int:
+    """Count the lines before the header: comments (#), and Excel's line with the separator."""
     with path.open(encoding="utf-8-sig", errors="replace") as file:
         return sum(1 for _ in itertools.takewhile(lambda line: line.startswith(("#", "sep=")), file))
 

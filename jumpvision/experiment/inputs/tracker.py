@@ -23,8 +23,8 @@ def is_tracker(path: Path) -> bool:
 
 
 def tracker(path: Path, asked: Collection[str]) -> Held:
-    """Its columns by their own names, `mass A/y` where several masses have one; rows that a step without a mark leaves
-    empty are left out."""
+    """Read the columns by their own names, `mass A/y` where several masses have one, without rows that a
+    step without a mark leaves empty."""
     lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
     head = _header(lines)
     if head is None:
@@ -39,7 +39,7 @@ def tracker(path: Path, asked: Collection[str]) -> Held:
 
 
 def _header(lines: list[str]) -> tuple[int, str, list[str]] | None:
-    """(row, what separates, names) of the header, in one of the first three lines, below those of `#multi:` and the
+    """Return (row, separator, names) of the header, in one of the first three lines, below those of `#multi:` and the
     masses."""
     for row, line in enumerate(lines[:3]):
         for mark in ("\t", ";", ","):
@@ -50,7 +50,7 @@ def _header(lines: list[str]) -> tuple[int, str, list[str]] | None:
 
 
 def _of_masses(names: list[str], above: list[str]) -> list[str]:
-    """Names of the columns, after the mass that stands above where another mass has one of that name."""
+    """Return the names of the columns, each after the mass above it where another mass has one of that name."""
     mass, out = "", []
     for k, name in enumerate(names):
         mass = above[k].strip() if k < len(above) and above[k].strip() else mass

@@ -44,8 +44,8 @@ class Vectors:
     foot: Mapping[str, Array] = field(default_factory=dict)
 
 
-def without_zeros(found: Vectors, where: str) -> Vectors:
-    """Return the field with every vector of exactly (0, 0) invalid: programs write it where nothing was measured.
+def mask_zero_vectors(found: Vectors, where: str) -> Vectors:
+    """Mark every vector of exactly (0, 0) invalid: programs write it where nothing was measured.
 
     where: the file's name in the warning. Raises InputError where no vector moves.
     """

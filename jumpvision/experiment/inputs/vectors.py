@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from jumpvision.base.arrays import AnyArray, Array
 from jumpvision.base.schema import InputError
 
-from .vector_field import FOOT, FORMATS, Vectors, without_zeros
+from .vector_field import FOOT, FORMATS, Vectors, mask_zero_vectors
 from .vector_text import GOOD_PIVLAB, stacked
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def read_vectors(path: Path, measured: Collection[float] = ()) -> Vectors:
     wrote it: 0 of OpenPIV, 1 of PIVlab (2: replaced) and Insight, 1 to 4 of DaVis (5: interpolated).
     Raises InputError naming file, what is wrong with it and the remedy.
     """
-    found = without_zeros(_read(path, measured), str(path))
+    found = mask_zero_vectors(_read(path, measured), str(path))
     if not found.valid.any():
         raise InputError(
             [f"{path}: no vector is measured by its flags; if they mean something else, give measured = [1] or [0]"]

@@ -36,7 +36,7 @@ def unit_of(values: xr.DataArray) -> str:
 
 
 def rate_of(field: xr.Dataset) -> str:
-    """The unit of what changes in time, 1/s or 1/frame, by that of the velocities."""
+    """Return the unit of a rate, 1/s or 1/frame, by that of the velocities."""
     return f"1/{unit_of(field.u).split('/')[1]}"
 
 

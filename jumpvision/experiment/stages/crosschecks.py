@@ -205,7 +205,7 @@ def contact(name: str, motion: Motion, found: Flights, t: Array, touches: Array,
         return
     whole = np.flatnonzero(np.isfinite(found.time) & (found.lift_off >= t[0]) & (found.landing <= t[-1]))
     if not whole.size:
-        yield from _not_logged(name, found, t, touches, soft)
+        yield from _check_flights_are_logged(name, found, t, touches, soft)
         return
     said = contact_flights(t, touches, debounce=0.005)  # s for which a switch may bounce
     inside = _within(t, found)
@@ -222,11 +222,13 @@ def contact(name: str, motion: Motion, found: Flights, t: Array, touches: Array,
         )
         return
     told = list(_same_flight(name, motion, found, int(longest), said, t, touches, soft))
-    yield from told or _not_logged(name, found, t, touches, soft)
+    yield from told or _check_flights_are_logged(name, found, t, touches, soft)
 
 
-def _not_logged(name: str, found: Flights, t: Array, touches: Array, soft: float) -> Iterator[StageWarning]:
-    """Flights of the track in which the contact log never says in the air, because it ends, sticks, or is another's."""
+def _check_flights_are_logged(
+    name: str, found: Flights, t: Array, touches: Array, soft: float
+) -> Iterator[StageWarning]:
+    """Report flights of the track that the contact log does not show: it ends, sticks, or is of another jump."""
     whole = [(up, down) for up, down in zip(found.lift_off, found.landing) if down - up > max(SHORTEST, 4.0 * soft)]
     lost = [up for up, down in whole if touches[(t > up) & (t < down)].all()]  # also where there is no row
     if lost:

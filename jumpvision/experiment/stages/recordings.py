@@ -27,7 +27,7 @@ from jumpvision.experiment.inputs.sections import (
 )
 from jumpvision.experiment.workflow.stage import StageWarning
 from jumpvision.films.frames import Film, FrameError, open_frames
-from jumpvision.films.resample import resampled
+from jumpvision.films.resample import resample
 from jumpvision.films.vision.camera import Camera, camera, straight_map, straight_points
 
 from .pairs import in_pairs
@@ -49,7 +49,7 @@ def open_film(section: RodVideo | GrainVideo, seen: Callable[[Image], None] | No
         own = film.rate if film.time_source == "file" else None
         if section.clock == "declared":
             film = timed_as_declared(film, section)
-        _refuse_long(film, section, own)
+        _check_exposure(film, section, own)
     if film.truncated and section.truncated != "accept":
         film.close()
         raise FrameError(
@@ -68,13 +68,13 @@ def open_film(section: RodVideo | GrainVideo, seen: Callable[[Image], None] | No
     return film
 
 
-def _refuse_long(film: Film, section: RodVideo | GrainVideo, own: float | None) -> None:
-    """An exposure that is longer than from one frame to the next. own [Hz]: the rate by the film's stamps."""
+def _check_exposure(film: Film, section: RodVideo | GrainVideo, own: float | None) -> None:
+    """Raise FrameError for an exposure longer than from one frame to the next. own [Hz]: rate by its stamps."""
     exposure = getattr(section, "exposure", 0.0)
     if exposure * film.rate <= 1.0 + 1e-6 or len(film) < 2:
         return
     film.close()
-    stamps = f"; the film's own stamps say {own:g} Hz" if own and own != film.rate else ""
+    stamps = f"; {own:g} Hz by the film's own stamps" if own and own != film.rate else ""
     raise FrameError(
         f"{section.path}: [{section.name}] exposure = {exposure:g} s: longer than a frame at {film.rate:g} Hz "
         f"({1.0 / film.rate:.3g} s){stamps}: correct the rate, or the exposure (in ms? then give {exposure / 1e3:g})"
@@ -143,7 +143,7 @@ class StraightFilm(Film):
         self._film, self._map = film, straight_map(view, film.shape, scale)
 
     def _read(self, i: int) -> Image:
-        return resampled(self._film[i], *self._map)
+        return resample(self._film[i], *self._map)
 
     def close(self) -> None:
         self._film.close()

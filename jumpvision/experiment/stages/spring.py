@@ -7,6 +7,7 @@ import warnings
 
 import pandas as pd
 
+from jumpvision.base.units import factor
 from jumpvision.estimate.estimate import Estimate
 from jumpvision.estimate.robot import BENT, Spring, spring_stiffness
 from jumpvision.experiment.inputs.logs import columns_in, read_log
@@ -14,8 +15,8 @@ from jumpvision.experiment.inputs.sections import Robot, SpringLog
 from jumpvision.experiment.results.values import SpringTest
 from jumpvision.experiment.workflow.stage import StageWarning, stage
 
-LENGTH = {"displacement_m": 1.0, "displacement_mm": 1e-3, "displacement_um": 1e-6}
-FORCE = {"force_N": 1.0, "force_kN": 1e3, "force_mN": 1e-3}
+LENGTH = {f"displacement_{unit}": factor(unit, "m") for unit in ("m", "mm", "um")}
+FORCE = {f"force_{unit}": factor(unit, "N") for unit in ("N", "kN", "mN")}
 
 
 @stage(version=1)

@@ -72,7 +72,7 @@ def piv(
     if said:
         warnings.warn(StageWarning("frames", said), stacklevel=2)
     matched = list(fields_of(lit, masks, stride, p, coded))
-    larger = larger_passes((frames[0], frames[p.gap]), masks, p) if lost(matched[0]) else ""
+    larger = larger_passes((frames[0], frames[p.gap]), masks, p) if has_few_vectors(matched[0]) else ""
     fields = [velocities(f, at, float(time[p.gap] - time[0])) for f in matched]
     if not any(np.isfinite(f.u).any() for f in fields):
         raise ValueError(f"piv: no vector in the field: {larger or reasons(fields[0])}")
@@ -129,16 +129,18 @@ def both(a: Usable | None, pixels: Sequence[NDArray[np.bool_]] | None) -> Usable
     return lambda k: pixels[k] if a is None else pixels[k] & a(k)
 
 
-def lost(f: VectorField, common: float = 1.0) -> bool:
-    """Whether so few windows with texture were measured that these may be chance; common: share of the picture that
-    both frames show."""
+def has_few_vectors(f: VectorField, common: float = 1.0) -> bool:
+    """Return True if so few windows with texture were measured that these may be chance.
+
+    common: share of the picture that both frames show.
+    """
     return bool(np.isin(f.reason, MEASURED).sum() < (1.0 - LOST) * common * np.isin(f.reason, MATCHED).sum())
 
 
 def larger_passes(pair: tuple[Image, Image], usable: Usable | None, p: PivParams) -> str:
-    """The passes with which a lost pair is measured, and the shift of the whole pictures that asks for them; "" where
-    larger ones are of no use."""
-    a, b = (np.nan_to_num(np.asarray(f, np.float32)) for f in pair)
+    """Name the passes with which a pair without vectors is measured, and the shift of the whole pictures; "" where
+    larger passes do not help."""
+    a, b = (np.nan_to_num(np.asarray(f, np.float32)) for f in pair)  # copies: phaseCorrelate writes into its pictures
     size = a.shape[::-1]
     shift, _ = cv2.phaseCorrelate(a, b, cv2.createHanningWindow(size, cv2.CV_32F))
     first = 2 ** math.ceil(math.log2(2.0 * max(map(abs, shift)) + 1.0))
@@ -147,7 +149,7 @@ def larger_passes(pair: tuple[Image, Image], usable: Usable | None, p: PivParams
     again = replace(p, passes=(first, *p.passes), gap=1, baseline=1, ensemble=1)
     shown = usable and (lambda k: usable(k * p.gap))
     common = math.prod(1.0 - abs(d) / n for d, n in zip(shift, size))
-    if lost(next(fields_of(pair, shown, 1, again)), common):
+    if has_few_vectors(next(fields_of(pair, shown, 1, again)), common):
         return ""
     return f"the pictures are {math.hypot(*shift):.3g} px apart, beyond the first of passes: give passes={again.passes}"
 

@@ -105,9 +105,9 @@ class Film(ABC):
 
     @property
     def exposure(self) -> float:
-        """Exposure of a frame by the file [s]; 0 where it does not say, or says longer than from frame to frame."""
-        said = self.meta.get("exposure_s", 0.0)
-        return said if said * self.rate <= 1.0 + 1e-6 else 0.0
+        """Return the exposure of a frame by the file [s]; 0 where none is given, or longer than a frame lasts."""
+        exposure = self.meta.get("exposure_s", 0.0)
+        return exposure if exposure * self.rate <= 1.0 + 1e-6 else 0.0
 
     @abstractmethod
     def _read(self, i: int) -> Image:
@@ -225,7 +225,7 @@ def differs(rate: float, stamps: NDArray[np.float64]) -> bool:
 
 
 def lost(path: Path, whole: int, promised: int) -> list[str]:
-    """The warning for a film of `promised` frames by its header, of which `whole` are in the file: fewer, or more."""
+    """Return the warning for a film with fewer or more `whole` frames than its header promised."""
     if whole == promised:
         return []
     if whole > promised:

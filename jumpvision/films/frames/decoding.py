@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Image
-from jumpvision.films.resample import resampled
+from jumpvision.films.resample import resample
 
 from .base import FrameError, check_image, luma
 
@@ -142,7 +142,7 @@ def grey(frame: VideoFrame) -> Image:
 
 
 def pixel_aspect(stream: VideoStream) -> Fraction:
-    """Return a pixel's width over its height; 1 where the file says none, or one that no camera has."""
+    """Return a pixel's width over its height; 1 where the file gives none, or one that no camera has."""
     aspect = Fraction(stream.sample_aspect_ratio or 1)
     return aspect if Fraction(1, 4) <= aspect <= 4 else Fraction(1)
 
@@ -152,14 +152,14 @@ def square_shape(shape: tuple[int, int], aspect: Fraction) -> tuple[int, int]:
     return round(shape[0] * max(1.0 / float(aspect), 1.0)), round(shape[1] * max(float(aspect), 1.0))
 
 
-def square(image: Image, aspect: Fraction) -> Image:
+def to_square_pixels(image: Image, aspect: Fraction) -> Image:
     """Return the picture in square pixels, see `square_shape`."""
     shape = square_shape((image.shape[0], image.shape[1]), aspect)
     if shape == image.shape:
         return image
     rows, columns = np.indices(shape, np.float32)
     wide, high = max(float(aspect), 1.0), max(1.0 / float(aspect), 1.0)
-    return resampled(image, (columns + 0.5) / wide - 0.5, (rows + 0.5) / high - 0.5)
+    return resample(image, (columns + 0.5) / wide - 0.5, (rows + 0.5) / high - 0.5)
 
 
 def stored(pixels: VideoFormat, dtype: np.dtype[np.generic]) -> np.dtype[np.generic]:

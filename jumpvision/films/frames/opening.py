@@ -51,7 +51,7 @@ def open_frames(
         raise FrameError(f"{path}: start = {start!r}; must be a finite number of seconds")
     full = Path(pattern_root or "") / path
     if full.is_dir() or (not full.exists() and any(c in full.name for c in "*?[")):
-        return _looked_at(ImageFilm(full, names=image_names(full), frame_rate=frame_rate, start=start))
+        return _with_pixel_warnings(ImageFilm(full, names=image_names(full), frame_rate=frame_rate, start=start))
     if not full.exists():
         raise FrameError(f"{full}: no such file; name a film, a folder of images or a pattern such as frames/*.png")
     if problem := irregular(full):
@@ -68,11 +68,11 @@ def open_frames(
     asked: dict[str, Any] = {"seen": seen} if seen is not None and reader.decodes_on_opening else {}
     asked |= {"axes": axes} if axes else {}
     film: Film = reader(full, frame_rate=frame_rate, start=start, **asked)
-    return _looked_at(film)
+    return _with_pixel_warnings(film)
 
 
-def _looked_at(film: Film) -> Film:
-    """The film with warnings of what its pixels show: a copy that was cut off, a colour mosaic."""
+def _with_pixel_warnings(film: Film) -> Film:
+    """Add warnings of a colour mosaic and of a copy that was cut off, by the first and last frame."""
     with contextlib.suppress(FrameError):  # a frame that cannot be read is an error when it is asked for
         first = film[0]
         if is_mosaic(first):

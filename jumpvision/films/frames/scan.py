@@ -18,7 +18,7 @@ from jumpvision.base.arrays import Image
 from jumpvision.base.progress import watch
 
 from .base import FrameError
-from .decoding import checksums_hold, decode_steps, grey, open_video, pixel_aspect, square
+from .decoding import checksums_hold, decode_steps, grey, open_video, pixel_aspect, to_square_pixels
 
 if TYPE_CHECKING:
     from av.video.frame import VideoFrame
@@ -109,7 +109,7 @@ def _scanned(path: Path, threads: str, seen: Callable[[Image], None] | None) -> 
             for frame in frames:
                 add_frame(scan, frame)
                 if seen is not None and len(scan.kinds) == 1:
-                    seen(square(grey(frame), scan.aspect))
+                    seen(to_square_pixels(grey(frame), scan.aspect))
                 if frame.is_corrupt:
                     corrupt.append(frame.pts)
     at = {pts: k for k, pts in enumerate(scan.pts)}
@@ -120,7 +120,7 @@ def _scanned(path: Path, threads: str, seen: Callable[[Image], None] | None) -> 
 
 
 def capture_rate(notes: Mapping[str, str]) -> float:
-    """Return the rate [Hz] at which an Android phone recorded, whatever the file plays at; 0 where it does not say."""
+    """Return the rate [Hz] at which an Android phone recorded, whatever it plays at; 0 where none is given."""
     try:
         return max(float(notes.get("com.android.capture.fps", 0.0)), 0.0)
     except ValueError:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Image
+from jumpvision.base.units import factor
 
 from .base import Film, FrameError, check_image, clock, lost, native_type, single_channel, upright
 
@@ -213,7 +214,6 @@ def colours_of(page: Any, channels: int, path: Path) -> Colours:
 
 PIXELS = re.compile(r"<(?:\w+:)?Pixels\b([^>]*)>")  # of OME-XML, which stands in the first page's description
 OME = {"channels": "SizeC", "slices": "SizeZ", "frames": "SizeT"}  # ImageJ's words: OME's
-SECONDS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
 
 
 def ome_pixels(text: str) -> dict[str, str]:
@@ -245,11 +245,11 @@ def check_planes(path: Path, text: str, samples: int) -> None:
 
 
 def interval(text: str) -> float:
-    """Return the time between frames [s] by ImageJ's or OME's description, 0 where it does not say."""
+    """Return the time between frames [s] by ImageJ's or OME's description, 0 where none is given."""
     pixels, found = ome_pixels(text), re.search(r"^finterval=([\d.eE+-]{1,30})$", text, re.MULTILINE)
     value = pixels.get("TimeIncrement") or (found[1] if found else "0")
     try:
-        step = float(value) * SECONDS.get(pixels.get("TimeIncrementUnit", "s"), 0.0)
+        step = float(value) * factor(pixels.get("TimeIncrementUnit", "s"), "s")
     except ValueError:
         return 0.0
     return step if 1e-9 < step < 1e6 else 0.0

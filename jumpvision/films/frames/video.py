@@ -13,7 +13,7 @@ import numpy as np
 from jumpvision.base.arrays import Image
 
 from .base import Film, FrameError, Known, Truncated, clock
-from .decoding import Step, decode_steps, grey, grey_type, open_video, square, square_shape
+from .decoding import Step, decode_steps, grey, grey_type, open_video, square_shape, to_square_pixels
 from .scan import scan_film, shortfall, timeline
 
 if TYPE_CHECKING:
@@ -134,12 +134,12 @@ class VideoFilm(Film):
         if on or (self._seekable and key > 0 and self._seek(key)):
             frame = self._forward(target)
             if frame is not None and (not self._seekable or frame.pts == self._pts[i]):
-                return square(grey(frame), self._aspect)
+                return to_square_pixels(grey(frame), self._aspect)
         self._restart()
         frame = self._forward(target)
         if frame is None or (self._seekable and frame.pts != self._pts[i]):
             raise FrameError(f"{self.path}: frame {i} cannot be decoded again; was the file changed? open it again")
-        return square(grey(frame), self._aspect)
+        return to_square_pixels(grey(frame), self._aspect)
 
     def _forward(self, target: int) -> VideoFrame | None:
         """The decoded frame of this ordinal, None beyond the end."""

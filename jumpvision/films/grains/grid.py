@@ -39,7 +39,7 @@ class VectorGrid:
 
     @property
     def metric(self) -> bool:
-        """Whether places are in m."""
+        """Return True if places are in m."""
         return math.isfinite(self.scale_m_per_px)
 
     @property

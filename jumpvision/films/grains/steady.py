@@ -55,14 +55,16 @@ def independent(n: Array, times: int, memory: float) -> Array:
     return np.asarray(n / (1.0 + memory * n / times))
 
 
-def mean_half(worth: Array) -> Array:
-    """Half width that holds 68 % of the errors of a mean, in standard deviations of its values (Student's t); worth: so
-    many independent values, see `independent`."""
-    return np.asarray(scipy.special.stdtrit(free(worth), scipy.special.ndtr(1.0)) / np.sqrt(worth))
+def mean_half_width(worth: Array) -> Array:
+    """Return the half width that holds 68 % of the errors of a mean, in scatters of its values (Student's t).
+
+    worth: number of independent values, see `independent`.
+    """
+    return np.asarray(scipy.special.stdtrit(degrees_of_freedom(worth), scipy.special.ndtr(1.0)) / np.sqrt(worth))
 
 
-def free(worth: Array) -> Array:
-    """Degrees of freedom of a scatter about the mean of the same values; half of one at least."""
+def degrees_of_freedom(worth: Array) -> Array:
+    """Return the degrees of freedom of a scatter about the mean of the same values; half of one at least."""
     return np.asarray(np.maximum(worth, 1.5) - 1.0)
 
 
@@ -111,18 +113,19 @@ def steady(fields: Iterable[Velocities], u: Memory, v: Memory) -> Steady:
     a, b, aa, bb, ab, u_noise, v_noise = sums / known
     both = np.sqrt(u_worth * v_worth)
     uu, vv, uv = (
-        q * (1.0 + 1.0 / free(w)) for q, w in ((aa - a * a, u_worth), (bb - b * b, v_worth), (ab - a * b, both))
+        q * (1.0 + 1.0 / degrees_of_freedom(w))
+        for q, w in ((aa - a * a, u_worth), (bb - b * b, v_worth), (ab - a * b, both))
     )
     return Steady(
         first[0] + a,
         first[1] + b,
-        np.sqrt(uu) * mean_half(u_worth),
-        np.sqrt(vv) * mean_half(v_worth),
+        np.sqrt(uu) * mean_half_width(u_worth),
+        np.sqrt(vv) * mean_half_width(v_worth),
         uu - u_noise,
         vv - v_noise,
         uv,
-        uu * np.sqrt(2.0 / free(uu_worth)),
-        vv * np.sqrt(2.0 / free(vv_worth)),
-        np.sqrt((uu * vv + uv * uv) / free(uv_worth)),
+        uu * np.sqrt(2.0 / degrees_of_freedom(uu_worth)),
+        vv * np.sqrt(2.0 / degrees_of_freedom(vv_worth)),
+        np.sqrt((uu * vv + uv * uv) / degrees_of_freedom(uv_worth)),
         n,
     )

@@ -159,7 +159,7 @@ def straight_points(view: Camera, shape: tuple[int, int], scale: float, x: Array
 
 
 def straight_map(view: Camera, shape: tuple[int, int], scale: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Seen (column, row) of every pixel of the straight picture, shape (rows, columns) each (of `resampled`)."""
+    """Return the seen (column, row) of every pixel of the straight picture, shape (rows, columns) each."""
     row, column = np.mgrid[: shape[0], : shape[1]].astype(float)
     x, y = column.copy(), row.copy()
     for _ in range(50):  # a fixed point; a strong lens takes ten rounds

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from jumpvision import __version__
-from jumpvision.base.extras import needed
+from jumpvision.base.extras import require_extra
 from jumpvision.experiment import files
 
 from .results import Results
@@ -29,7 +29,7 @@ DOI = re.compile(r"(?:doi:\s*|https?://(?:dx\.)?doi\.org/)?(10\.\d{4,9}/\S+)", r
 
 def write_crate(found: list[Results], out: Path) -> list[str]:
     """Every result with its SHA-256, the run of each experiment as a CreateAction; what is left to be given."""
-    with needed("rocrate", "--to ro-crate", "ro-crate"):
+    with require_extra("rocrate", "--to ro-crate", "ro-crate"):
         from rocrate.model.contextentity import ContextEntity
         from rocrate.rocrate import ROCrate
     crate = ROCrate(version="1.1")

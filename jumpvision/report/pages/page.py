@@ -94,7 +94,7 @@ def write_campaign(
     mark: str,
     *,
     draws: str,
-    undiagnosed: str = "",
+    no_diagnosis: str = "",
 ) -> None:
     """Render the page of a campaign.
 
@@ -114,7 +114,7 @@ def write_campaign(
     motors = driven(campaign, outcomes)
     swept = len({r.frequency for r in motors}) > 2
     sentence, facts = campaign_words(rows, diagnosis, crossing, len(intruded))
-    sentence += f" {undiagnosed[:1].upper()}{undiagnosed[1:]}." if undiagnosed else ""
+    sentence += f" {no_diagnosis[:1].upper()}{no_diagnosis[1:]}." if no_diagnosis else ""
     jumps = [r.cells() for r in rows]
     truth = Truth.of(campaign)
     links = {o.name: f"{quote(o.name)}/{files.REPORT}" for o in outcomes if o.results.is_dir()}

@@ -35,11 +35,11 @@ def write_report(
     single: bool,
     warned: Sequence[Mapping[str, object]] = (),
     diagnosis: Diagnosis | None = None,
-    undiagnosed: str = "",
+    no_diagnosis: str = "",
 ) -> Path:
     """Write the pages and return the path of the one to open: of the campaign, or of the only experiment.
 
-    warned: what is to be doubted of a campaign, as in campaign.json. undiagnosed: as in `Run`.
+    warned: what is to be doubted of a campaign, as in campaign.json. no_diagnosis: as in `Run`.
     """
     draws = draw_command(campaign, results)
     keys = write_pages(campaign, outcomes, results, single=single)
@@ -51,12 +51,12 @@ def write_report(
     said = [f"{w['experiment']}: {w['message']}" for w in warned] + [
         f"{o.name}: {n}" for o in outcomes for n in o.notes
     ]
-    key = digest_of(chain(keys, said, (draws, undiagnosed), each, whole))
+    key = digest_of(chain(keys, said, (draws, no_diagnosis), each, whole))
     if not made_from(results / files.REPORT, key):
         from .page import write_campaign
 
         mark = MADE_FROM.format(key)
-        write_campaign(campaign, outcomes, rows, results, diagnosis, said, mark, draws=draws, undiagnosed=undiagnosed)
+        write_campaign(campaign, outcomes, rows, results, diagnosis, said, mark, draws=draws, no_diagnosis=no_diagnosis)
     return results / files.REPORT
 
 

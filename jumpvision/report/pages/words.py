@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from jumpvision.base.arrays import Image, measured
-from jumpvision.base.numbers import between, counted, said, times
+from jumpvision.base.numbers import between, format_count, said, times
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.values import Noise
 from jumpvision.estimate.crater import ZeroCrossing
@@ -42,7 +42,7 @@ def campaign_words(
         return diagnosis.sentence, facts
     if jumped:
         heights = " to ".join(dict.fromkeys(f"{x:.3g}" for x in (h.min(), h.max())))
-        text = f"{counted(len(jumped), 'jump')}, {heights} mm high"
+        text = f"{format_count(len(jumped), 'jump')}, {heights} mm high"
         facts = [(f"{h.max():.4g}", "mm", f"highest jump: {jumped[int(h.argmax())].experiment}")]
         if np.isfinite(s).any():
             facts.append((f"{np.nanmedian(s):.2g}", "mm", "median standard uncertainty of a height"))
@@ -57,7 +57,7 @@ def campaign_words(
             (value, "", "critical packing φ_c")
         ]
     done = sum(not r.problem for r in rows)
-    what = counted(intruded, "slow intrusion") if intruded else counted(done, "experiment")
+    what = format_count(intruded, "slow intrusion") if intruded else format_count(done, "experiment")
     return f"{what} analysed.", []
 
 

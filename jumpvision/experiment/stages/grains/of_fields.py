@@ -15,7 +15,7 @@ from jumpvision.base.parameters import of_keywords
 from jumpvision.base.schema import InputError, read
 from jumpvision.experiment.inputs.parameters import FlowParams, StatisticsParams
 from jumpvision.experiment.inputs.recordings import PivField
-from jumpvision.experiment.inputs.vector_field import FORMATS, without_zeros
+from jumpvision.experiment.inputs.vector_field import FORMATS, mask_zero_vectors
 from jumpvision.experiment.inputs.vectors import vectors_of
 from jumpvision.experiment.results.fields import Field, Flow, Piv
 
@@ -88,7 +88,7 @@ def field_of(name: str, given: Any, about: dict[str, Any]) -> Piv:
 def _of_dataset(name: str, data: xr.Dataset, where: str, about: dict[str, Any]) -> Piv:
     if set(data.attrs) >= OURS:
         return Piv((data if "t" in data.dims else data.expand_dims("t")).transpose("y", "x", "t"))
-    raw = without_zeros(vectors_of(data, where, about.get("measured", ())), where)
+    raw = mask_zero_vectors(vectors_of(data, where, about.get("measured", ())), where)
     return foreign_field(_section(name, Path(where), about), None, raw)
 
 

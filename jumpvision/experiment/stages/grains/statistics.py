@@ -10,13 +10,13 @@ import pandas as pd
 import xarray as xr
 
 from jumpvision.base.arrays import Array
-from jumpvision.base.numbers import counted
+from jumpvision.base.numbers import format_count
 from jumpvision.experiment.inputs.parameters import ProfilesParams, StatisticsParams
 from jumpvision.experiment.inputs.sections import NotApplicable
 from jumpvision.experiment.results.fields import Flow, Piv, Planes, Statistics, rate_of, unit_of
 from jumpvision.experiment.results.tables import Profiles
 from jumpvision.experiment.workflow.stage import stage
-from jumpvision.films.grains.steady import Memory, Velocities, independent, mean_half, steady
+from jumpvision.films.grains.steady import Memory, Velocities, independent, mean_half_width, steady
 
 SERIES = 4_000_000  # numbers that are held at once to learn how long a flow remembers
 AT_MOST = 256  # vectors that it is learned from
@@ -34,7 +34,7 @@ def statistics(piv: Piv, flow: Flow, *, p: StatisticsParams) -> Statistics:
         raise NotApplicable(["statistics: the foot of [grain_video] moves: no steady flow"])
     chosen = field.isel(t=np.flatnonzero((field.t.values >= p.first) & (field.t.values <= p.last)))
     if chosen.sizes["t"] < 2:
-        raise NotApplicable([f"statistics: {counted(chosen.sizes['t'], 'field')}; the scatter of a mean needs 2"])
+        raise NotApplicable([f"statistics: {format_count(chosen.sizes['t'], 'field')}; the scatter of a mean needs 2"])
     found = steady(of_times(chosen), *(Memory.of(x) for x in remembered(chosen)))
     unit, rate = unit_of(field.u), rate_of(field)
     square = unit.replace("/", "^2/") + "^2"
@@ -79,7 +79,7 @@ def mean_of(values: xr.DataArray, t: xr.DataArray) -> tuple[Array, Array]:
     series = series[:, np.isfinite(series).sum(axis=0) >= 2]
     memory = Memory.of(series).mean if series.size else 0.0
     scatter = np.sqrt(np.maximum(squares - total**2 / n, 0.0) / (n - 1.0))
-    return first + total / n, scatter * mean_half(independent(n, field.sizes["t"], memory))
+    return first + total / n, scatter * mean_half_width(independent(n, field.sizes["t"], memory))
 
 
 def remembered(field: xr.Dataset) -> list[Array]:

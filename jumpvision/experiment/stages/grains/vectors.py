@@ -10,6 +10,7 @@ import xarray as xr
 from jumpvision import __version__
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
+from jumpvision.base.units import factor
 from jumpvision.experiment.inputs.sections import PivField, Robot
 from jumpvision.experiment.inputs.vector_field import FOOT, Vectors
 from jumpvision.experiment.inputs.vectors import read_vectors
@@ -20,7 +21,7 @@ from jumpvision.films.grains.dataset import described
 from jumpvision.films.grains.grid import VectorGrid
 from jumpvision.films.vision.piv.pair import INTERPOLATED, VALID
 
-METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
+METRES = {unit: factor(unit, "m") for unit in ("m", "cm", "mm", "um", "µm")}
 PIXELS = ("px", "pix", "pixel", "pixels")
 FRAMES = ("frame", "frames", "dt")
 COLUMN = 0.005  # m, half width of the column under the foot whose grains show its motion

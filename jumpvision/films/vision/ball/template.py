@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array, Float32, Image
 from jumpvision.films.frames.base import Frames
-from jumpvision.films.resample import resampled
+from jumpvision.films.resample import resample
 
 from .measure import Found
 from .moving import HEAD, still_scene
@@ -72,7 +72,7 @@ def sampled(image: Image, x: float, y: float, turn: float, k: int) -> Float32:
     x0, y0 = (int(np.clip(a - reach, 0, n - 1)) for a, n in ((x, image.shape[1]), (y, image.shape[0])))
     part = np.asarray(image[y0 : max(y0, int(y + reach)) + 2, x0 : max(x0, int(x + reach)) + 2], np.float32)
     at_x, at_y = (x - x0 + c * u - s * v).astype(np.float32), (y - y0 + s * u + c * v).astype(np.float32)
-    return resampled(part, at_x, at_y)
+    return resample(part, at_x, at_y)
 
 
 def left(image: Float32, x: float, y: float, margin: float) -> bool:
