@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from jumpvision.films.arrays.track import track as of_arrays
-from jumpvision.films.vision.ball.track import track_ball
+from jumpvision.films.vision.ball.film import track_ball
 
 BACK, CONTRAST, PSF, FINE = 30.0, 150.0, 0.6, 8
 Positions = tuple[NDArray[np.float64], NDArray[np.float64]]

@@ -19,6 +19,8 @@ import pandas as pd
 from PIL import Image
 
 from jumpvision.cli import main as command
+from jumpvision.films.vision.ball.film import FilmTracker
+from jumpvision.films.vision.ball.track import BallSettings
 from jumpvision.laboratory import recordings as logs
 from jumpvision.laboratory import write
 from jumpvision.laboratory.jumper import Law, motion_of
@@ -62,6 +64,42 @@ def campaign(folder: Path) -> Path:
         text = {"kind": "sine", "frequency": law.frequency, "amplitude": 0.004, "phase": law.phase, "start": 0.2}
         write.toml(own / "experiment.toml", {"actuation": text, "rod_track": {"file": "rod.csv"}})
     return folder
+
+
+def candidates() -> bytes:
+    """Two throws that are one outline for a while, and glints: all candidates, and the track of the ball clicked."""
+    rng, i, d = np.random.default_rng(4), np.arange(30.0), 16.0
+    rise, column, row = 0.35 * i**2, np.arange(330), np.arange(240)[:, None]
+    ours, other = (30.0 + 8.0 * i, 190.0 - 10.0 * i + rise), (52.5 + 5.5 * i, 199.0 - 11.0 * i + rise)
+    frames = []
+    for k in range(i.size):
+        picture = 70.0 + 12.0 * (np.sin(0.11 * column) * np.cos(0.09 * row) > 0.6)
+        for x, y in (ours, other):
+            share = 0.5 - 0.5 * np.tanh((np.hypot(column - x[k], row - y[k]) - 0.5 * d) / 0.9)
+            picture = picture + share * (210.0 - picture)
+        for _ in range(3):
+            picture[np.hypot(column - rng.uniform(20, 310), row - rng.uniform(20, 220)) < rng.uniform(3, 5)] = 150.0
+        frames.append(np.clip(np.rint(picture + rng.normal(0, 1.5, picture.shape)), 0, 255).astype(np.uint8))
+    follower = FilmTracker(BallSettings(d, "bright", "disc", 1.5, (ours[0][0], ours[1][0]), False, 0.0), scene=True)
+    for frame in frames:
+        follower.see(frame)
+    track = follower.finish(frames)[0]
+    with styled() as new:
+        figure = new(figsize=(10.0, 3.6), layout="constrained")
+        axes = figure.subplots(1, 2)
+        axes[0].grid(visible=False)
+        axes[0].imshow(np.max(frames, axis=0), cmap="gray", vmin=40, vmax=255)
+        for k in range(i.size):
+            x, y, _, p = np.array(follower.candidates(k)).T
+            for ax, u, v in ((axes[0], x, y), (axes[1], np.full(x.size, k), x)):
+                ax.scatter(u, v, s=9 + 40 * p, facecolors="none", edgecolors=MODEL, linewidths=0.8)
+        axes[0].plot(track.x, track.y, ".", color=MEASURED, ms=4)
+        axes[1].plot(i, track.x, ".-", color=MEASURED, ms=4, label="rows that are sure")
+        axes[1].scatter([], [], facecolors="none", edgecolors=MODEL, label="candidates, larger: likelier")
+        axes[0].set(xlabel="column [px]", ylabel="row [px]", title="all frames in one")
+        axes[1].set(xlabel="frame", ylabel="column [px]", title="one outline in frames 3 to 15")
+        axes[1].legend()
+        return png(figure)
 
 
 def planning() -> bytes:
@@ -198,6 +236,7 @@ def workbench(browser: Any) -> bytes:
 PICTURES: dict[str, tuple[Callable[[], bytes], int]] = {  # what makes it, and its width [px]; 0: as drawn
     "hard_map": (partial(picture_of_command, "sweep hard"), PAGE_PX),
     "hard_comparison": (comparison, PAGE_PX),
+    "candidates": (candidates, PAGE_PX),
     "planning": (planning, 0),
     "dem_hexagonal": (partial(picture_of_command, "dem --bed hexagonal --beds 1"), 0),
     "heights": (partial(picture_of_samples, "heights.png"), 0),

@@ -7,7 +7,6 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from shared import later
 
-from jumpvision.films.vision.ball.search import quantile
 from tests.worlds.ball_pictures import BACK, CONTRAST, ball_image, camera, track
 
 REAL = os.environ.get("JUMPVISION_REAL_DATA", "")
@@ -177,7 +176,7 @@ def test_two_balls_without_a_seed_are_not_guessed():
     a, b = ball_image((90, 140), 40.3, 45.1, 20.0)[0], ball_image((90, 140), 100.3, 45.1, 20.0)[0]
     image = camera(BACK + CONTRAST * (a + b), 3.0, rng)
     t = track([image], 20.0)
-    assert t.flag[0].startswith("lost: 2 balls") and np.isnan(t.x[0])
+    assert "against a path with at" in t.flag[0] and np.isnan(t.x[0])
     assert abs(track([image], 20.0, seed=(97.0, 47.0)).x[0] - 100.3) < 0.05
 
 
@@ -241,13 +240,3 @@ def test_real_falling_ball():
     assert np.polyfit(k, t.y, 1)[0] == pytest.approx(2.65, abs=0.01)
     # The stated uncertainty starts with all that the edge model leaves and learns that it is the same in every frame
     assert max(scatter) / 3 < t.sigma[-1] < 3 * max(scatter)
-
-
-@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32])
-def test_quantiles_of_a_picture_are_numpys(kind):
-    """Counted or sorted: as numpy interpolates between two ranks, to the rounding of its sum."""
-    rng = np.random.default_rng(0)
-    for n in (1, 2, 7, 1000, 40001):
-        values = rng.normal(100.0, 30.0, n).clip(0.0, 255.0).astype(kind)
-        for share in (0.0, 0.0002, 0.5, 0.9998, 1.0):
-            assert quantile(values, share) == pytest.approx(np.quantile(values.astype(float), share), abs=1e-9)

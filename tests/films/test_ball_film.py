@@ -21,7 +21,8 @@ from jumpvision.films.frames import open_frames
 from jumpvision.films.vision.ball import background, film
 from jumpvision.films.vision.ball.background import Kept, Window
 from jumpvision.films.vision.ball.film import FilmTracker, track_film
-from jumpvision.films.vision.ball.track import BallSettings, BallTracker
+from jumpvision.films.vision.ball.measure import DiscMeasure
+from jumpvision.films.vision.ball.track import BallSettings
 from jumpvision.report.figures.overlays import TrackFilm
 from tests.worlds.ball_pictures import BACK, CONTRAST, ball_image, camera
 
@@ -78,24 +79,17 @@ class Asked(list):
         return super().__getitem__(i)
 
 
-def test_a_followed_film_is_not_read_again(monkeypatch):
-    """What the track is asked for at its end comes from frames and windows that were kept: of a film, each costs the
-    decoding of all from its last key frame on. With none kept the answers are the same."""
+def test_a_followed_film_is_not_read_again():
+    """What the track is asked for at its end was kept: of a film, each frame costs the decoding of all from its last
+    key frame on."""
     rng, k = np.random.default_rng(4), np.arange(60)
     rest = np.maximum(0, np.minimum(k - 12, 50 - k))  # rests, moves, rests where it was: places with many frames
     images = [camera(ball_image((130, 84), 40.0, 28.0 + 2.0 * y, D, ss=4)[0] * CONTRAST + BACK, 2.0, rng) for y in rest]
-    found = []
-    for samples in (film.SAMPLES, 0):
-        monkeypatch.setattr(film, "SAMPLES", samples)
-        follower, frames = FilmTracker(settings(), scene=True), Asked(images)
-        for image in images:
-            follower.see(image)
-        found.append((follower.finish(frames)[0], frames.numbers))
-    (kept, none), (read, some) = found
-    assert none == [] and len(some) > 3
-    assert (kept.flag == "").all()
-    np.testing.assert_array_equal(kept.x, read.x)
-    np.testing.assert_array_equal(kept.flag, read.flag)
+    follower, frames = FilmTracker(settings(), scene=True), Asked(images)
+    for image in images:
+        follower.see(image)
+    track = follower.finish(frames)[0]
+    assert frames.numbers == [] and (track.flag == "").all()
 
 
 def test_a_ball_that_bounces_is_not_decoded_again_at_every_bounce():
@@ -114,8 +108,9 @@ def test_a_ball_that_bounces_is_not_decoded_again_at_every_bounce():
 @pytest.mark.parametrize("streak", [False, True])
 def test_frames_followed_in_a_row_are_those_measured_one_by_one(monkeypatch, streak):
     """In front of a texture, behind a bar for some frames, at the picture's edge, through a sudden turn: the compiled
-    way through what is a matter of course gives what the other gives, and is taken."""
-    rng, n = np.random.default_rng(8), 60
+    way through what is a matter of course gives what the other gives, to a hundredth of sigma since a fit that is begun
+    elsewhere ends as near, and is taken."""
+    rng, n = np.random.default_rng(8), 150
     texture = gaussian_filter(rng.normal(size=(150, 70)), 2.5)
     xs, ys = np.linspace(14.0, 50.0, n), 14.0 + np.abs(110.0 * np.sin(np.arange(n) / 9.0))
     images = []
@@ -127,15 +122,16 @@ def test_frames_followed_in_a_row_are_those_measured_one_by_one(monkeypatch, str
     how = settings(seed=(xs[0], ys[0]), streak=streak, exposure_fraction=0.2 if streak else 0.0)
     counted = []
     monkeypatch.setattr("jumpvision.films.vision.ball.film.WORTHWHILE", 10)
-    follow = BallTracker.follow
-    monkeypatch.setattr(BallTracker, "follow", lambda *a: counted.append(follow(*a)) or counted[-1])
+    follow = DiscMeasure.follow
+    monkeypatch.setattr(DiscMeasure, "follow", lambda *a: counted.append(follow(*a)) or counted[-1])
     quick = track_film(images, how, scene=True)[0]
-    assert sum(map(len, counted)) > n  # of the two passes
-    monkeypatch.setattr(BallTracker, "follow", lambda *a: [])
+    assert sum(map(len, counted)) > n // 3
+    monkeypatch.setattr("jumpvision.films.vision.ball.film.WORTHWHILE", 10**9)
     slow = track_film(images, how, scene=True)[0]
-    assert np.array_equal(quick.flag, slow.flag) and 5 < np.count_nonzero(quick.flag) < n // 2
-    for a, b in ((quick.x, slow.x), (quick.y, slow.y), (quick.sigma, slow.sigma), (quick.chi2, slow.chi2)):
-        np.testing.assert_allclose(a, b, rtol=1e-9)
+    lost = quick.flag != ""
+    assert np.array_equal(lost, slow.flag != "") and 5 < np.count_nonzero(lost) < n // 2
+    for a, b in ((quick.x, slow.x), (quick.y, slow.y), (quick.sigma, slow.sigma)):
+        assert np.nanmax(np.abs(a - b) / slow.sigma) < 0.01
 
 
 class Alone(list):
@@ -155,7 +151,6 @@ def test_a_film_is_read_by_one_thread_at_a_time(monkeypatch):
     """While the track is proved the balls are measured again; with nothing kept both read the film."""
     frames, *_ = two_balls(np.random.default_rng(9), crossing=False)
     monkeypatch.setattr(film, "MEMORY", 0)
-    monkeypatch.setattr(film, "SAMPLES", 0)
     track = track_film(Alone(frames), settings(seed=(38.0, 30.0)), scene=True)[0]
     assert np.array_equal(track.y, track_film(frames, settings(seed=(38.0, 30.0)), scene=True)[0].y, equal_nan=True)
 

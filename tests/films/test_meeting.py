@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 
 import numpy as np
@@ -11,9 +10,6 @@ from scipy.special import ndtr
 
 import jumpvision as jv
 from jumpvision.films.vision.ball.background import Background
-from jumpvision.films.vision.ball.moving import Spot, paths
-from jumpvision.films.vision.ball.pieces import in_pieces
-from jumpvision.films.vision.ball.track import BallTrack
 
 H, W, D, N = 240, 330, 16.0, 30
 
@@ -45,19 +41,22 @@ def followed(frames, seed):
 
 @pytest.mark.parametrize("meets", [4, 9])
 def test_the_clicked_ball_is_followed_through_another(meets):
+    """For 13 frames they are one outline. Where the ball was seen alone before, it is the same after; where the click
+    itself was on both, its rows are right or flagged, and why is said."""
     ours = toss(30.0, 190.0, 8.0, -10.0)
     other = toss(30.0 + 2.5 * meets, 190.0 + 1.0 * meets, 5.5, -11.0)  # they are at one place in frame `meets`
     t, good = followed(film(ours, other), tuple(ours[0]))
     off = np.hypot(t.x_px - ours[:, 0], t.y_px - ours[:, 1]).to_numpy()
     assert (off[good] < 0.5 * D).all()
-    late = np.arange(N) > meets + 8
-    assert good[late & (ours[:, 0] < W - 15)].mean() >= 0.9
+    late = (np.arange(N) > meets + 8) & (ours[:, 0] < W - 15)
+    assert good[late].mean() >= 0.9 if meets == 9 else t.flag[late & ~good].str.contains("probability").all()
 
 
-def test_two_balls_at_the_click_are_told():
+def test_two_balls_at_the_click_are_doubted_once_they_part():
     ours, other = toss(40.0, 190.0, 8.0, -10.0), toss(42.0, 191.0, 5.0, -11.5)
     t, good = followed(film(ours, other), (41.0, 190.5))
-    assert not good.any() and t.flag.str.contains("may both be the one clicked").any()
+    apart = np.hypot(*(ours - other).T) > 1.3 * D
+    assert not good[apart].any() and t.flag[apart].str.contains("probability").any()
 
 
 def test_a_pixel_whose_scene_has_the_balls_own_grey_is_no_data():
@@ -67,32 +66,12 @@ def test_a_pixel_whose_scene_has_the_balls_own_grey_is_no_data():
     assert np.isfinite(Background(scene, 10.0, 100.0).removed(image)).all()
 
 
-def test_paths_that_exchanged_their_first_spots_have_their_own():
-    """Two cross in frame 1, where neither is seen: from frame 0 each way seems to lead to the other's."""
-    t = np.arange(18)
-    ours = np.stack([248.0 - 14.0 * t, 309.0 - 54.0 * t + 2.95 * t**2], axis=1)
-    other = np.stack([270.0 - 35.5 * t, 309.0 - 48.0 * t + 2.1 * t**2], axis=1)[:8]
-    spots = {i: [Spot(i, *at[i], D, 100.0, None) for at in (other, ours) if i < len(at)] for i in t if i != 1}  # type: ignore[arg-type]
-    found = paths(spots)
-    whose = [[bool(math.dist(ours[s.i], (s.x, s.y)) < 1.0) for s in path] for path in found]
-    assert len(found) == 2 and all(len(set(w)) == 1 for w in whose)
-    assert {w[0]: len(p) for w, p in zip(whose, found)}[True] >= 16
-
-
-def test_a_ball_at_rest_before_it_is_thrown_is_no_stray():
-    k = np.maximum(np.arange(20) - 2.0, 0.0)
-    x, y = 96.0 + 32.0 * k, 188.0 - 26.0 * k + 1.5 * k**2
-    flat = np.full(20, 1.0)
-    made = BallTrack(x, y, 0.02 * flat, 20.0 * flat, flat, np.full(20, "", "U1"))
-    assert in_pieces(made, True) is made
-
-
 @pytest.mark.parametrize("other", [None, toss(300.0, 30.0, -2.0, 6.0)])
-def test_a_last_row_after_a_bounce_is_the_ball_where_no_other_is_seen(other):
-    """A bounce between the last two frames: nothing leads to the last row, but it is the only ball of both frames. With
-    another in flight it is not found."""
+def test_a_last_row_after_a_bounce_is_the_ball(other):
+    """A bounce between the last two frames: nothing leads to the last row, but it is the only ball there that does not
+    go on from another."""
     ours = toss(40.0, 40.0, 9.0, 2.0)[:12]
     ours[11] = ours[10] + [-9.0, -11.0]
     t, good = followed(film(*(at for at in (ours, other) if at is not None))[:12], tuple(ours[0]))
-    assert good[:11].all() and good[11] == (other is None)
+    assert good.all()
     assert np.hypot(*(t[["x_px", "y_px"]].to_numpy() - ours)[good].T).max() < 0.1

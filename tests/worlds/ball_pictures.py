@@ -3,7 +3,8 @@
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from jumpvision.films.vision.ball.track import BallTrack, track_ball
+from jumpvision.films.vision.ball.film import track_ball
+from jumpvision.films.vision.ball.track import BallTrack
 
 BACK, CONTRAST, PSF = 30.0, 150.0, 0.6
 

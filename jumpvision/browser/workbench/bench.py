@@ -248,6 +248,10 @@ class Bench:
         run = self.following or self.before
         return (run.rows(since), run) if run else ([], None)
 
+    def candidates(self, frame: int) -> list[tuple[float, float, float, float]]:
+        """What may be the ball in a frame of the film that was followed on this bench."""
+        return self.following.candidates(frame) if self.following else []
+
     def motion(self, draft: Draft, body: int = 1) -> Motion:
         """A body that was followed, measured with the values of the draft."""
         made, run = self.composed(draft), self.following or self.before

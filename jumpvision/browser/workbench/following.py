@@ -54,6 +54,11 @@ class Following:
         follower = self._balls.follower
         return [_row(f.x, f.y, f.sigma, str(f.flag)) for f in follower.found[since:]] if follower is not None else []
 
+    def candidates(self, frame: int) -> list[tuple[float, float, float, float]]:
+        """x, y, diameter [px] and probability of what may be the ball in a frame, once all is followed."""
+        follower = self._balls.follower
+        return follower.candidates(frame) if self.finished and follower is not None else []
+
     def found(self, film: RodVideo, calibration: Calibration | None, p: TrackParams, rate: float) -> Followed:
         """What is followed so far, on the clock of `film`. InputError where there is nothing, or where the tracker
         would do something else with these values."""

@@ -178,6 +178,7 @@ QUESTIONS: dict[str, Callable[[Benches, Question], object]] = {
     "/api/write": _write,
     "/api/track": _track,
     "/api/track/stop": _stop,
+    "/api/candidates": lambda b, q: b.bench.candidates(_whole(q, "frame")),
     "/api/flow": _flow,
     "/api/flow/all": _all_pairs,
     "/api/flow/stop": _stop_pairs,

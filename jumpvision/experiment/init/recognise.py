@@ -312,8 +312,8 @@ def moving_ball(film: Film) -> tuple[int, str, float, float, float] | None:
     """(frame, polarity, column, row, diameter [px]) where a ball that moves through a film is seen first, or None."""
     import numpy as np
 
-    from jumpvision.films.parameters import SMALLEST_BALL
-    from jumpvision.films.vision.ball.moving import moving_paths, still_scene
+    from jumpvision.films.vision.ball import film as balls
+    from jumpvision.films.vision.ball.background import still_scene
 
     head = [np.asarray(film[i]) for i in range(min(len(film), LOOKED))]
     if len(head) < FEWEST:
@@ -324,16 +324,14 @@ def moving_ball(film: Film) -> tuple[int, str, float, float, float] | None:
     if np.mean([np.abs(f - scene) > 0.15 * grey for f in head[:: len(head) // FEWEST]]) > 0.05:
         return None  # the scene itself moves: grains
     for polarity in ("bright", "dark"):
-        found = moving_paths(head, scene, None, polarity, SMALLEST_BALL)
-        if found and len(found[0]) >= MOST * len(head):
-            first = found[0][0]
-            return first.i, polarity, first.x, first.y, first.d
+        if found := balls.moving_ball(head, polarity, MOST):
+            return found[0], polarity, *found[1:]
     return None
 
 
 def ball(first: Image, seed: tuple[float, float] | None = None) -> tuple[str, float, float, float] | None:
     """(polarity, column, row, diameter [px]) of the one ball in a picture, or None."""
-    from jumpvision.films.vision.ball.track import track_ball
+    from jumpvision.films.vision.ball.film import track_ball
 
     for polarity in ("bright", "dark"):
         t = track_ball(

@@ -40,7 +40,7 @@ def in_px_alone(actuation: Actuation | None) -> bool:
     return actuation is None or actuation.kind == "none"
 
 
-@stage(version=17, needs=needs_of_track)
+@stage(version=18, needs=needs_of_track)
 def track(
     film: RodVideo,
     calibration: Calibration | None,

@@ -113,6 +113,16 @@ function ofCrater({ volume: v, depth, radius, lacks, lost, why }, n) {
   volume.textContent = v ? `Volume change ${short(v, 1e6, " cm³")}, ${(1e3 * depth).toFixed(1)} mm deep, undisturbed beyond ${(1e3 * radius).toFixed(1)} mm.` : lacks;
 }
 on("frame", () => { store.bed = null; });
+
+// What else may be the ball in the frame that is shown, once the film is followed.
+const candidates = latest(async () => {
+  const frame = store.frame, list = await post("api/candidates", { frame });
+  store.candidates = { frame, list };
+  emit("image");
+});
+on("frame", () => {
+  if (store.section === "rod_video" && store.track.rows.length && !store.track.running && !player.playing) attempt(candidates);
+});
 on("section preview", () => { level.made.hidden = value("params.bed", "method") !== "threshold"; });
 on("preview", () => { if (store.bed) find(); }); // drawn anew as the slider moves
 

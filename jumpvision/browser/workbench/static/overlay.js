@@ -104,6 +104,15 @@ export function overlay(pen, view) {
         if (model.column[store.frame] != null) cross(toScreen(model.column[store.frame], model.row[store.frame]), 12);
       });
     }
+    if (store.candidates?.frame === store.frame && store.candidates.list.length > 1) {
+      pen.font = "12px system-ui, sans-serif";
+      for (const [x, y, d, p] of store.candidates.list) {
+        const [u, v] = toScreen(x, y), r = Math.max(4, 0.5 * d * k) + 3;
+        on("rgb(255 255 255 / .7)", 1, () => circle([u, v], r));
+        pen.fillStyle = "#fff";
+        pen.fillText(p < 0.01 ? "< 1 %" : `${Math.round(100 * p)} %`, u + r + 3, v + 4);
+      }
+    }
     const hand = store.draft.corrections[store.frame];
     const d = store.ball?.diameter ?? 21;
     if (now) {

@@ -56,6 +56,7 @@ export const store = {
   draft: { picks: {}, values: {}, corrections: {} },
   ball: null,         // found in the frame that the track begins with
   track: { rows: [], running: false },
+  candidates: null,   // of one frame: {frame, list of x, y, diameter, probability}
   bed: null, logs: [], rejected: true, stepOn: false,
   plot: { x: "time", y: "y", curve: "", part: null }, columns: null, fit: null,
 };

@@ -18,15 +18,54 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from jumpvision.base.arrays import Array, Image
+from jumpvision.base.arrays import Array, Float32, Image
+from jumpvision.base.threads import shared
+from jumpvision.films.frames.base import Frames
 
 HELD = 2**23  # bytes of windows in memory; beyond, all of them lie in a file without a name
+SAMPLED = 41  # frames of which the still scene is the median
 CLEAR = 4.0  # px between the ball's edge and a pixel that counts as scene
 
 
 LEAST_VIEWS = (
     20  # views of a pixel before its mean is used: its noise is then below 5 % of a single frame's, in variance
 )
+
+
+def still_scene(frames: Frames) -> Float32:
+    """Return the median grey of each pixel over SAMPLED frames, evenly spaced."""
+    n = len(frames)
+    which = np.unique(np.linspace(0, n - 1, min(SAMPLED, n)).astype(int))
+    stack = np.stack([np.asarray(frames[int(i)]) for i in which])
+    if stack.dtype not in (np.uint8, np.uint16):
+        known = np.where(np.isfinite(stack), stack, np.nan).astype(np.float32)
+        blind = np.isnan(known).all(axis=0)
+        known[:, blind] = 0.0
+        return np.where(blind, np.nan, np.nanmedian(known, axis=0)).astype(np.float32)
+    out: Float32 = np.zeros(stack.shape[1:], np.float32)
+    _medians(len(out), stack, 8 * stack.dtype.itemsize, out)
+    return out
+
+
+@shared()
+def _medians(first, last, stack, bits, out):  # type: ignore[no-untyped-def]
+    """Of rows first to last - 1 of a stack (n, rows, columns) of whole grey levels, bit by bit from the highest: the
+    middle value is the largest that no more than half of the others are below."""
+    n, columns = len(stack), out.shape[1]
+    value, below = np.zeros(columns, np.int32), np.zeros(columns, np.int32)
+    for row in range(first, last):
+        for rank in ((n - 1) // 2, n // 2):
+            value[:] = 0
+            for bit in range(bits - 1, -1, -1):
+                below[:] = 0
+                for i in range(n):
+                    for c in range(columns):
+                        below[c] += np.int32(stack[i, row, c]) < value[c] + (1 << bit)
+                for c in range(columns):
+                    if below[c] <= rank:
+                        value[c] += 1 << bit
+            for c in range(columns):
+                out[row, c] += 0.5 * value[c]
 
 
 class Background:

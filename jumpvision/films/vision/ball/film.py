@@ -1,40 +1,45 @@
-"""Balls in a whole film, read once: followed frame by frame, the still scene behind them learned on the way."""
+"""Balls in a whole film, read once: candidates of every frame, one path a ball, the still scene learned on the way."""
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections import deque
-from collections.abc import Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextvars import copy_context
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from jumpvision.base.arrays import Image
+from jumpvision.base.arrays import MAD, Array, Float32, Image
 from jumpvision.base.progress import watch
 from jumpvision.films.frames.base import Frames
 
-from .background import Background, Kept, SceneSum, View, Window
-from .measure import AS_THEY_ARE, Block, Found, window_half
-from .moving import HEAD, AtHand, head_end
-from .pieces import SHARP, in_pieces
+from .background import Background, Kept, SceneSum, View, Window, still_scene
+from .candidates import Scene, noise_of
+from .follow import SURE, Ball, Balls
+from .measure import AS_THEY_ARE, Block, DiscMeasure, Found, Start, window_half
+from .path import Nodes, Path
 from .reasons import Flag, Reason
 from .refine import refined
-from .track import BallSettings, BallTrack, BallTracker, as_track, merged
+from .scatter import SHARED, shared_noise, with_scatter
+from .track import BallSettings, BallTrack, as_track
 from .unknowns import WX, WY, A
-from .validate import validated, without_still_objects
 
+HEAD = 60  # frames that tell the scene and the ball; later rows do not change them
+KEPT = 2**25  # bytes of these, kept whole; of larger frames fewer
+LEAST = 5  # frames of which a scene is known
+GONE = 3  # frames of the head in which a spot of the scene is not there: it is none
+LAG = 60  # frames: a row does not depend on film that comes more than twice as many later
 VIEWS = 100  # frames that all count for the scene; of the next 100 every second does, of the next 200 every fourth ...
 LEARNED = 60, 1000  # frames that the scene is learned from: the fewer where it is known by then, at most the more
-KEPT = 2**25  # bytes of the first LEARNED frames, kept whole for their last fit; of each kind of samples
-SAMPLES = 16  # frames of each kind
 MEMORY = 2**28  # bytes of windows kept, in a file; frames beyond are read again
 AS_CERTAIN = 1.05  # times the first's median sigma, up to which a second track is taken
 WORTHWHILE = 500  # frames from which on a frame's whole measurement is compiled code's: fewer are done sooner without
 BLOCK = 16  # windows that are measured together without the scene
-TURN, WAY = 12, 8.0  # frames on either side of a sharp turn of which more is kept; by how much, in the ball's steps
+STILL = "doubt: stands still while something moves at ({:.0f}, {:.0f})"
+REMEDY = "; give track.seed = [column, row]"
 
 
 def track_film(
@@ -43,8 +48,7 @@ def track_film(
     """The ball of `settings` and one more for each of `markers`, (x, y) in the first frame [px], in all frames.
 
     With `scene` each is measured a second time without the still scene behind it. The second result is taken where it
-    loses no more frames and is no less certain in the median; a film whose scene moves, or hides behind a ball that
-    never moves, keeps the first.
+    is no less certain in the median; a film whose scene moves, or hides behind a ball that rests, keeps the first.
     """
     follower = FilmTracker(settings, scene=scene, markers=markers)
     for i in watch(range(len(frames)), "frames tracked", len(frames)):
@@ -52,36 +56,42 @@ def track_film(
     return follower.finish(frames)
 
 
-class Samples:
-    """Some frames of a film's head: evenly spread ones, and one of each place that the ball comes to."""
+def track_ball(images: Iterable[NDArray[np.generic]], **settings: Any) -> BallTrack:
+    """Follow one ball through `images`, each (row, column) of grey levels (integer or float; NaN = no data).
 
-    def __init__(self) -> None:
-        self._end = math.inf
-        self.even: dict[int, Image] = {}
-        self.places: dict[int, tuple[Found, Image]] = {}
-        self._step = 1
+    settings: those of BallSettings, all of them. A frame without a sound ball is flagged, never an exception.
+    Raises ValueError for an argument out of range or an image that is not two-dimensional.
+    """
+    how, frames = BallSettings(**settings), list(images)
+    for i, image in enumerate(frames):
+        if np.ndim(image) != 2:
+            raise ValueError(f"images[{i}] has shape {np.shape(image)}: must be (row, column); convert colour to grey")
+    return track_film(frames, how, scene=False)[0]
 
-    def see(self, i: int, image: Image, found: Found) -> None:
-        """Frame i, where the ball was found."""
-        if not found.flag:
-            self._end = min(self._end, head_end(i))
-        if i >= self._end:
-            return
-        most = min(SAMPLES, KEPT // max(1, image.nbytes))
-        if i % self._step == 0:
-            self.even[i] = image
-            if len(self.even) > most:
-                self._step *= 2
-                self.even = {k: a for k, a in self.even.items() if k % self._step == 0}
-        if not found.flag and len(self.places) < most:
-            far = (math.hypot(f.x - found.x, f.y - found.y) > found.diameter for f, _ in self.places.values())
-            if all(far):
-                self.places[i] = found, image
 
-    @property
-    def all(self) -> dict[int, Image]:
-        """The frames by number."""
-        return self.even | {i: image for i, (_, image) in self.places.items()}
+def scene_of(head: Sequence[Image], sign: float, diameter: float | None) -> Scene:
+    """Learn what stands still in the first frames of a film. sign: 1 a bright ball, -1 a dark one."""
+    if len(head) < LEAST:
+        return Scene(None, noise_of(head, None), sign, diameter)
+    grey = still_scene(head)
+    changes = np.stack([sign * (np.asarray(f, np.float32) - grey) for f in head[:: max(1, len(head) // 30)]])
+    k = min(GONE, len(changes) - 1)
+    return Scene(grey, noise_of(head, grey), sign, diameter, np.partition(changes, k, axis=0)[k])
+
+
+def moving_ball(head: Sequence[Image], polarity: str, rows: float) -> tuple[int, float, float, float] | None:
+    """(frame, x, y, diameter) [px] where a ball is seen first that moves through this share of the frames, or None."""
+    ball = Ball(BallSettings(None, polarity, "disc", 1.5, None, False, 0.0))
+    balls, scene = Balls([ball]), scene_of(head, ball.sign, None)
+    for image in head:
+        balls.add(image, scene)
+    balls.learn((head[0].shape[0], head[0].shape[1]))
+    nodes, (path,) = balls.paths()
+    found = np.flatnonzero(path.node >= 0)
+    if ball.forgiven or found.size < rows * len(head):
+        return None
+    k = path.node[found[0]]
+    return int(found[0]), float(nodes.x[k]), float(nodes.y[k]), float(nodes.d[k])
 
 
 class FilmTracker:
@@ -90,147 +100,206 @@ class FilmTracker:
     def __init__(self, settings: BallSettings, *, scene: bool, markers: Sequence[tuple[float, float]] = ()):
         self.settings = settings  # of the first ball
         self._settings = [settings] + [replace(settings, seed=m) for m in markers]
-        self._trackers = [BallTracker(s) for s in self._settings]
-        self._found: list[list[Found]] = []  # by frame, then by ball
-        self._enough = False  # nobody waits for the measurements without the scene
+        self._balls = [Ball(s) for s in self._settings]
+        self._together = Balls(self._balls)
+        self._head: list[Image] = []
+        self._scene: Scene | None = None  # for the candidates
         self._windows = [Kept() for _ in self._settings]  # of each ball
-        self._scene = SceneSum() if scene and settings.method == "disc" else None
-        self._behind: Background | None = None  # the scene, once it is learned
-        self._learning = self._scene is not None
-        self._room = MEMORY
-        self._kept: list[Image] | None = None
-        if self._scene is not None and not markers and not settings.streak:
-            self._kept = []
-        self._samples = Samples()
-        self._last: deque[tuple[int, Image, Found]] = deque(maxlen=TURN)  # frames in which the ball was found
-        self._turned, self._wide = -TURN - 1, -1  # frame of the last sharp turn; last one of which more is kept
+        self._sum = SceneSum() if scene and settings.method == "disc" else None
+        self._behind: Background | None = None  # the scene behind the ball, once it is learned
+        self._decided: dict[int, tuple[float, float]] = {}  # where the first ball is
+        self._learning = self._sum is not None
+        self._shared = 0.0  # of the noise of neighbouring pixels
+        self._room, self._n = MEMORY, 0
         self.shape = (0, 0)
 
     def see(self, image: Image) -> None:
         """The next frame (row, column); it is kept for a while and must not change."""
         if self.settings.method == "template":  # has to see the whole film first
             return
-        self._follow(image)
+        self.shape = (image.shape[0], image.shape[1])
+        if self._scene is not None:
+            self._together.next(image, self._scene, len(self._balls) == 1 and self._n >= WORTHWHILE)
+            self._keep(self._n, image)
+            self._n += 1
+            return
+        self._head.append(image)
+        if len(self._head) >= HEAD or len(self._head) * image.nbytes >= KEPT:
+            self._look()
 
     @property
     def found(self) -> list[Found]:
         """The first ball in the frames followed so far."""
-        return [f[0] for f in self._found]
+        return self._balls[0].found
 
-    def _follow(self, image: Image) -> None:
-        i, self.shape = len(self._found), (image.shape[0], image.shape[1])
-        plain = self._trackers[0].next(image) if len(self._trackers) == 1 and i >= WORTHWHILE else None
-        found = [plain] if plain else together(self._trackers, [View.of(image) for _ in self._trackers], None)
-        self._found.append(found)
-        self._samples.see(i, image, found[0])
-        if self._kept is not None and i < LEARNED[0]:
-            self._kept.append(image)
-            if image.nbytes * len(self._kept) > KEPT:
-                self._kept = None
-        if self._scene is None:
+    def candidates(self, i: int) -> list[tuple[float, float, float, float]]:
+        """Return x, y, diameter [px] and probability of what may be the first ball in frame i."""
+        n, before = len(self._together.spots), {k: v for k, v in self._decided.items() if k < i - LAG // 2}
+        return self._together.candidates(i, max(0, i - LAG), min(n, i + LAG), before) if i < n else []
+
+    def _look(self) -> None:
+        """Learn scene and balls from the head, and measure them there."""
+        head, sign = self._head, 1.0 if self.settings.polarity == "bright" else -1.0
+        self._scene = scene_of(head, sign, self.settings.diameter)
+        for image in head:
+            self._together.add(image, self._scene)
+        self._together.learn(self.shape)
+        self._shared = max(shared_noise(head, places, d) for places, d in self._together.places())
+        for ball in self._balls:
+            ball.white = self._shared < SHARED
+        self._together.follow_all(head)
+        for i, image in enumerate(head):
+            self._keep(i, image)
+        self._n = len(head)
+
+    def _keep(self, i: int, image: Image) -> None:
+        """Keep what the second measurement needs of a frame, and add it to the scene."""
+        if self._sum is None:
             return
+        found = [b.found[i] for b in self._balls]
         for kept, f in zip(self._windows, found, strict=True):
             kept.append(self._window(image, f))
-        if len(found) == 1 and not found[0].flag:
-            self._about_turns(i, image, found[0])
         if not self._learning or i % _stride(i):
             return
         if not any(f.flag for f in found) and found[0].p is not None:
-            self._scene.add(image, [(f.x, f.y, f.diameter + _streak(f)) for f in found], float(found[0].p[A]))
-        if i + 1 >= LEARNED[1] or (i + 1 >= LEARNED[0] and self._scene.covered):
-            self._learning, self._behind = False, self._scene.background()
-        elif i + 1 == HEAD:
-            self._scene.settle()
-
-    def _about_turns(self, i: int, image: Image, found: Found) -> None:
-        """Keeps more of the frames beside a sharp turn: there it is asked later whether two balls met."""
-        self._last.append((i, image, found))
-        if len(self._last) > 4 and len(self._last) * image.nbytes > KEPT:
-            self._last.popleft()
-        if len(self._last) < 4:
-            return
-        a, b, c, d = [f for *_, f in self._last][-4:]
-        if math.hypot(d.x - 3 * c.x + 3 * b.x - a.x, d.y - 3 * c.y + 3 * b.y - a.y) > SHARP[0] * d.diameter:
-            self._turned = i
-        if i <= self._turned + TURN:
-            way = [math.hypot(f.x - e.x, f.y - e.y) for (*_, e), (*_, f) in itertools.pairwise(self._last)]
-            for j, before, f in self._last:
-                if j > self._wide:
-                    self._windows[0].put(j, self._window(before, f, WAY * max(way)))
-            self._wide = i
+            self._sum.add(image, [(f.x, f.y, f.diameter + _streak(f)) for f in found], float(found[0].p[A]))
+        if i + 1 >= LEARNED[1] or (i + 1 >= LEARNED[0] and self._sum.covered):
+            self._learning, self._behind = False, self._sum.background()
 
     def finish(self, frames: Frames) -> list[BallTrack]:
         """The tracks, the first ball's first. frames: the same film, for what was not kept of it."""
-        tracks = zip(self._tracks(frames), self._settings, strict=True)
-        kept = AtHand(frames, self._samples.all, self._windows[0])
-        return [in_pieces(t, s.seed is not None, kept if s.method == "disc" else None, s.polarity) for t, s in tracks]
-
-    def _tracks(self, frames: Frames) -> list[BallTrack]:
         if self.settings.method == "template":
             from .template import track_template
 
             return [track_template(frames, s) for s in self._settings]
-        kept = AtHand(frames, self._samples.all, self._windows[0])
-        with ThreadPoolExecutor(1) as thread:  # each is half of the work that is left
-            again = thread.submit(copy_context().run, self._without_scene, kept)
-            try:
-                return self._decided(kept, again)
-            finally:
-                self._enough = True
-
-    def _decided(self, frames: AtHand, again: Future[list[list[Found]]]) -> list[BallTrack]:
-        """Proves the track while the balls are measured again without the scene, and takes the better one."""
-        first = [as_track(list(f)) for f in zip(*self._found, strict=True)]
-        if len(first) == 1:
-            sure = validated(first[0], frames, self.settings)
-            if sure is not first[0]:
-                self._enough = True
-                return self._refined([sure])
-        if not (found := again.result()):
-            return self._refined(first) if len(frames) <= LEARNED[0] else first
-        second = [as_track(list(f)) for f in zip(*found, strict=True)]
-        if len(second) == 1 and not self.settings.streak:  # a sticker's remains, where the ball has left
-            second = [without_still_objects(second[0], frames, self.settings)]
-        better = [_better(a, b) for a, b in zip(first, second, strict=True)]
-        return self._refined(better) if len(frames) <= LEARNED[0] or better[0] is not first[0] else better
-
-    def _refined(self, tracks: list[BallTrack]) -> list[BallTrack]:
-        """With what the first LEARNED frames share taken from all of these, where the still scene may be taken out and
-        the ball is alone. Later rows know it from the frames before them."""
-        if self._kept is None:
-            return tracks
-        return [refined(tracks[0], self._kept, self.settings.polarity)]
-
-    def _without_scene(self, frames: AtHand) -> list[list[Found]]:
-        """The measurements of all frames once more, without the scene; none where too little of it is known."""
-        scene = self._scene.background() if self._scene and self._learning else self._behind
-        if scene is None:
-            return []
-        trackers = [BallTracker(s) for s in self._settings]
-        out: list[list[Found]] = []
-        block, begin, end = None, 0, 0
-        for i in watch(range(len(self._found)), "frames tracked without the scene", len(self._found)):
-            if self._enough:
-                break
-            if i < len(out):  # followed with those before
-                continue
-            if i >= end:
-                block, begin = self._block(i) if len(self._found) > WORTHWHILE else None, i
-                end = i + (len(block.windows) if block else 1)
-            if block:
-                out += [[f] for f in trackers[0].follow(block, i - begin, self.shape, scene)]
-            if len(out) == i:
-                windows = [kept[i] for kept in self._windows]
-                views = [View(self.shape, whole=lambda: frames[i], window=w, scene=scene) for w in windows]  # noqa: B023
-                out.append(together(trackers, views, self._found[i]))
+        if self._scene is None and self._head:
+            self._look()
+        tracks = self._rows(frames)
+        out = []
+        for number, (ball, (found, probability)) in enumerate(zip(self._balls, tracks)):
+            track = as_track(found)
+            track = self._better(number, ball, track, frames)
+            if self._shared > SHARED:
+                track = with_scatter(track)
+            out.append(replace(self._doubted(track, ball), probability=probability))
         return out
 
-    def _block(self, i: int) -> Block | None:
-        """The frames from i on in which the one ball was found in windows of one size; None where there is none."""
+    def _rows(self, frames: Frames) -> list[tuple[list[Found], Array]]:
+        """Of each ball the measurements along the likeliest path, and the probability of each row."""
+        n = len(self._together.spots)
+        out = [(list(ball.found), np.ones(n)) for ball in self._balls]
+        at: list[dict[int, tuple[float, float]]] = [
+            {} for _ in self._balls
+        ]  # where each is, in frames that are decided
+        exchanged = [0.0 for _ in self._balls]  # likelihood that it is another by then
+        for begin in range(0, n, LAG):
+            first = max(0, begin - LAG)
+            nodes, paths = self._together.paths(first, min(n, begin + 2 * LAG), at)
+            for b, (ball, path, (found, probability), known) in enumerate(zip(self._balls, paths, out, at)):
+                for i in range(begin, min(n, begin + LAG)):
+                    exchanged[b] = max(exchanged[b], path.exchanged[i - first])
+                    probability[i] = 1.0 / (1.0 / path.probability[i - first] + exchanged[b])
+                    found[i] = self._row(ball, frames, i, nodes, path, i - first, probability[i])
+                    k = int(path.node[i - first])
+                    known[i] = (float(nodes.x[k]), float(nodes.y[k])) if k >= 0 else (math.inf, math.inf)
+        self._decided = at[0]
+        return out
+
+    def _row(self, ball: Ball, frames: Frames, i: int, nodes: Nodes, path: Path, t: int, probability: float) -> Found:
+        """Frame i, which is row t of a path."""
+        k, found = int(path.node[t]), ball.found[i]
+        if k >= 0 and probability < SURE:
+            other = int(path.other[t])
+            rival = f"at ({nodes.x[other]:.0f}, {nodes.y[other]:.0f})" if other >= 0 else "none"
+            if path.probability[t] > SURE:
+                rival = "another ball"
+            return Found(Flag(Reason.UNSURE, (probability, rival)))
+        if k < 0:
+            return found if found.flag else Found(Flag(Reason.NO_BALL))
+        if i in ball.sure:
+            return found
+        away = math.hypot(found.x - nodes.x[k], found.y - nodes.y[k]) / nodes.d[k]
+        if (not found.flag and away < 0.6) or (found.flag and found.flag.reason is not Reason.NO_BALL):
+            return found
+        return ball.measured(i, View.of(np.asarray(frames[i])), nodes, path, t)
+
+    def _doubted(self, track: BallTrack, ball: Ball) -> BallTrack:
+        """Flag a track that stands still where something moves elsewhere; a click is believed, and the doubt said."""
+        good = np.flatnonzero(track.flag[: len(self._head)] == "")
+        if len(self._head) < LEAST or not good.size or self._scene is None or self._scene.grey is None:
+            return track
+        d = float(np.median(track.diameter[good]))
+        x, y = track.x[good], track.y[good]
+        if math.hypot(np.ptp(x), np.ptp(y)) > d:
+            return track
+        contrast = math.exp(ball.light[0]) if ball.light else 0.0
+        other = _elsewhere(self._head, self._scene.grey, float(np.median(x)), float(np.median(y)), d, contrast)
+        if other is None:
+            return track
+        doubt = STILL.format(*other)
+        if ball.settings.seed is not None:
+            return replace(track, notes=(*track.notes, doubt))
+        flag = np.where(track.flag == "", doubt + REMEDY, track.flag)
+        return replace(_without(track, flag), notes=(*track.notes, doubt + REMEDY))
+
+    def _better(self, number: int, ball: Ball, track: BallTrack, frames: Frames) -> BallTrack:
+        """The track measured once more without the scene behind it, where that is about as certain."""
+        if self._sum is None:
+            return track
+        scene = self._sum.background() if self._learning else self._behind
+        again = self._without_scene(number, ball, track, frames, scene) if scene is not None else None
+        if again is not None:
+            look = slice(0, VIEWS)
+            if np.nanmedian(again.sigma[look]) <= AS_CERTAIN * np.nanmedian(track.sigma[look]):
+                track = again
+        alone = len(self._balls) == 1 and not self.settings.streak and len(self._head) >= LEAST
+        if alone and (len(frames) <= HEAD or again is track):
+            track = refined(track, self._head, self.settings.polarity)
+        return track
+
+    def _without_scene(
+        self, number: int, ball: Ball, track: BallTrack, frames: Frames, scene: Background
+    ) -> BallTrack | None:
+        """The rows that a disc was fitted to, once more without the scene."""
+        measurer = DiscMeasure(ball.settings.diameter, ball.settings.polarity, ball.settings.streak)
+        out = {name: getattr(track, name).copy() for name in ("x", "y", "sigma", "diameter", "chi2")}
+        n, i = len(track.flag), 0
+        block, begin, end = None, 0, 0
+        while i < n:
+            p = ball.found[i].p
+            if track.flag[i] or p is None or (ball.found[i].fit is None and i not in ball.sure):
+                i += 1
+                continue
+            if i >= end and n > WORTHWHILE:
+                block, begin = self._block(number, ball, i), i
+                end = i + (len(block.windows) if block else 1)
+            done: list[Found] = []
+            if block is not None and i < end and measurer.memory.mean[2]:
+                done = measurer.follow(block, i - begin, self.shape, scene, ball.settings.search)
+            if not done:
+                start = Start(track.x[i], track.y[i], track.diameter[i], float(p[WX]), float(p[WY]), False)
+                view = View(
+                    self.shape, whole=partial(frames.__getitem__, i), window=self._windows[number][i], scene=scene
+                )
+                f = measurer.measure(view, start, fresh=not measurer.memory.mean[2])
+                if f.flag or math.hypot(f.x - track.x[i], f.y - track.y[i]) > 0.35 * track.diameter[i]:
+                    measurer.missed()
+                    i += 1
+                    continue
+                measurer.accept(f)
+                done = [f]
+            for f in done:
+                for name in out:
+                    out[name][i] = getattr(f, name)
+                i += 1
+        return replace(track, **out)
+
+    def _block(self, number: int, ball: Ball, i: int) -> Block | None:
+        """The frames from i on in which the ball was found in windows of one size; None where there is none."""
         windows: list[Window] = []
         starts: list[tuple[float, float, float, float]] = []
-        for k, (found, *others) in enumerate(self._found[i : i + BLOCK], i):
-            if others or found.p is None or (window := self._windows[0][k]) is None:
+        for k, found in enumerate(ball.found[i : i + BLOCK], i):
+            if k not in ball.sure or found.p is None or (window := self._windows[number][k]) is None:
                 break
             if windows and window.pixels.shape != windows[0].pixels.shape:
                 break
@@ -244,39 +313,43 @@ class FilmTracker:
             pixels = pixels.astype(np.float64)
         return Block(pixels, corners, np.array(starts))
 
-    def _window(self, image: Image, found: Found, more: float = 0.0) -> Window | None:
-        """The part of a frame that the ball is measured in, and `more` px around it."""
+    def _window(self, image: Image, found: Found) -> Window | None:
+        """The part of a frame that the ball is measured in."""
         if found.flag or found.p is None:
             return None
         p = found.p
-        half_x, half_y = (math.ceil(window_half(found.diameter) + 0.5 * abs(p[w]) + more) + 2 for w in (WX, WY))
+        half_x, half_y = (math.ceil(window_half(found.diameter) + 0.5 * abs(p[w])) + 2 for w in (WX, WY))
         x0, y0 = max(0, int(found.x) - half_x), max(0, int(found.y) - half_y)
         part = image[y0 : int(found.y) + half_y + 1, x0 : int(found.x) + half_x + 1]
         self._room -= part.nbytes
         return Window(part, x0, y0) if self._room > 0 else None
 
 
-def together(trackers: Sequence[BallTracker], views: Sequence[View], before: Sequence[Found] | None) -> list[Found]:
-    """One frame for all trackers: each knows where the others expect theirs, and no ball is given to two. before: what
-    was measured in it earlier."""
-    expected = [t.expected for t in trackers]
-    found = []
-    hints: Sequence[Found | None] = before or [None] * len(trackers)
-    for k, (tracker, view, hint) in enumerate(zip(trackers, views, hints, strict=True)):
-        others = [e for m, e in enumerate(expected) if m != k and e is not None]
-        found.append(tracker.look(view, hint if hint and not hint.flag else None, others))
-    for k, f in enumerate(found):
-        for m in range(k):
-            g = found[m]
-            # two balls nearer than half a diameter are one
-            if not f.flag and not g.flag and math.hypot(f.x - g.x, f.y - g.y) < 0.5 * f.diameter:
-                worse = k if _off(f, expected[k]) > _off(g, expected[m]) else m
-                found[worse] = Found(Flag(Reason.OTHER_BALL))
-    return [t.keep(f) for t, f in zip(trackers, found, strict=True)]
+def _without(track: BallTrack, flag: np.ndarray) -> BallTrack:
+    """The track with these flags, and no numbers where there is one."""
+    bad = flag != ""
+    x, y, sigma, size, chi2 = (
+        np.where(bad, np.nan, v) for v in (track.x, track.y, track.sigma, track.diameter, track.chi2)
+    )
+    grey, contrast = (None if v is None else np.where(bad, np.nan, v) for v in (track.grey, track.contrast))
+    return BallTrack(x, y, sigma, size, chi2, flag.astype(np.str_), track.notes, grey, contrast, track.probability)
 
 
-def _off(found: Found, expected: tuple[float, float] | None) -> float:
-    return math.hypot(found.x - expected[0], found.y - expected[1]) if expected else math.inf
+def _elsewhere(
+    frames: Sequence[Image], scene: Float32, x: float, y: float, d: float, contrast: float
+) -> tuple[float, float] | None:
+    """Find (x, y) where something as large as the ball moves, 1.5 diameters or more away, in a tenth of the frames."""
+    places: list[tuple[float, float]] = []
+    for image in frames:
+        off = np.abs(np.asarray(image, dtype=np.float32) - scene)
+        noise = float(np.median(off)) / MAD
+        changed = (cv2.blur(off, (3, 3)) > max(0.25 * contrast, 5.0 * noise)).astype(np.uint8)
+        _, _, stats, centres = cv2.connectedComponentsWithStats(changed)
+        for (_, _, _, _, area), (u, v) in zip(stats[1:], centres[1:], strict=True):
+            if area > 0.3 * d * d and math.hypot(u - x, v - y) > 1.5 * d:
+                places.append((float(u), float(v)))
+                break
+    return places[len(places) // 2] if len(places) >= max(2.0, 0.1 * len(frames)) else None
 
 
 def _streak(found: Found) -> float:
@@ -285,14 +358,3 @@ def _streak(found: Found) -> float:
 
 def _stride(i: int) -> int:
     return 1 << max(0, int(math.log2(max(i, 1) / VIEWS)) + 1 if i >= VIEWS else 0)
-
-
-def _better(first: BallTrack, again: BallTrack) -> BallTrack:
-    """A second track where it is about as certain in the first frames (what the scene pulls stands in no sigma of the
-    first), with the first's rows where it loses more of these; else the first."""
-    look = slice(0, HEAD)
-    if not np.nanmedian(again.sigma[look]) <= AS_CERTAIN * np.nanmedian(first.sigma[look]):
-        return first
-    if np.count_nonzero(again.flag[look] != "") <= np.count_nonzero(first.flag[look] != ""):
-        return again
-    return merged(again, first, again.flag != "")

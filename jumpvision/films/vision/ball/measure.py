@@ -39,7 +39,7 @@ class Start(NamedTuple):
 
 class Found(NamedTuple):
     """A measurement; flag false when good. fit: the disc fit, where there is one and it was not `follow` that made it;
-    p: its parameters. rivals: centres (x, y) of other balls in the frame that it was first found in [px]."""
+    p: its parameters."""
 
     flag: Flag
     x: float = math.nan
@@ -49,7 +49,6 @@ class Found(NamedTuple):
     chi2: float = math.nan
     fit: disc.DiscFit | None = None
     p: Array | None = None
-    rivals: tuple[tuple[float, float], ...] = ()
 
 
 class Wanted(NamedTuple):

@@ -27,14 +27,9 @@ class Reason(Enum):
     NOT_FINITE = "lost: pixels not finite"
     NO_PIXEL = "lost: no finite pixel"
     NOT_NEAR = "lost: no ball found within {:g} diameters (track.search)"
-    NOT_AT_SEED = "lost: no ball near the seed"
     NO_BALL = "lost: no ball found"
-    WHICH = "lost: {} balls, at {}; give a seed or the diameter"
-    ALIKE = "lost: {} balls alike"
-    OTHER_GREY = "lost: what is there has a grey of {:.3g} instead of {:.3g}"
     LEFT = "lost: left the image"
-    HIDDEN = "lost: hidden"
-    OTHER_BALL = "lost: at another ball"
+    UNSURE = "doubt: probability {:.2f}, against a path with {}"
     # of a target that is followed as a picture
     ONE_GREY = "lost: nothing but one grey at track.seed"
     NO_TARGET = "lost: no target found within track.search"
@@ -43,10 +38,6 @@ class Reason(Enum):
     NO_STRUCTURE = "lost: the target has no structure"
     UNLIKE = "lost: not like the target (contrast {:.2g} of it, {:.0%} unlike)"
     FLOWN_OUT = "left the image"
-
-
-COVERED = (Reason.COVERED_SECTORS, Reason.COVERED_RIM, Reason.COVERED_EDGE, Reason.OTHER_DIAMETER)
-"""A ball is there, and something is before or beside it."""
 
 
 class Flag(NamedTuple):

@@ -19,8 +19,8 @@ from jumpvision.base.arrays import Array, Float32, Image
 from jumpvision.films.frames.base import Frames
 from jumpvision.films.resample import resample
 
+from .background import still_scene
 from .measure import Found
-from .moving import HEAD, still_scene
 from .reasons import GOOD, Flag, Reason
 from .track import BallSettings, BallTrack, as_track
 
@@ -30,6 +30,7 @@ TURNS = np.deg2rad([0.0, -20.0, 20.0])  # from the last turn, that are tried
 ALL_TURNS = np.deg2rad(np.arange(0.0, 360.0, 20.0))
 CHANGED = 0.25  # of the target's contrast: a place that differs less from the still scene is the scene
 LINEAR = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+HEAD = 100  # frames from the first that may
 FOLDED = 20  # frames of which the mean target is made
 
 
