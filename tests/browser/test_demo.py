@@ -133,7 +133,7 @@ def by_simulate(jump: dict[str, Any]) -> dict[str, Any]:
     ("ground", "n", "direct"),
     [
         ("hard", 10, by_hard_jump),
-        ("granular", 2, by_simulate),
+        ("granular", 1, by_simulate),
         *later(("hard", 50, by_hard_jump), ("granular", 10, by_simulate)),
     ],
 )

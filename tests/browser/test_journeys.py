@@ -346,34 +346,6 @@ def test_fingers(size, tmp_path, browser):
         assert p.get("document.documentElement.scrollWidth") <= size[0]
 
 
-@pytest.mark.parametrize(
-    ("name", "file", "place", "diameter"),
-    [  # diameter [mm], and a place to follow where no ball stands out
-        ("photron_ball_12bit", "ball_12bit.cihx", None, "5"),
-        pytest.param("cine_pims", "cine_781.cine", (128.0, 96.0), "2", marks=LONG),
-    ],
-)
-def test_a_film_of_a_camera_is_a_written_track_in_six_clicks(name, file, place, diameter, tmp_path, browser, real_data):
-    shutil.copytree(real_data / name, tmp_path / name, copy_function=shutil.copyfile)
-    with opened(browser, tmp_path / name / file) as p:
-        if p.get("workbench.store.section") != "rod_video":
-            p.click("button[data-role=rod_video]")
-            p.until("workbench.store.section === 'rod_video'")
-        if place:
-            p.click_film(place)
-        p.type_into("Its diameter [mm]", diameter)
-        p.until("workbench.store.table.rod_video?.ball_diameter")
-        p.click("#act")
-        p.until("!workbench.store.track.running && workbench.store.track.rows.length > 0")
-        assert p.get("workbench.store.track.finished")
-        lost, n = p.get("[workbench.store.track.rows.filter((r) => r[3]).length, workbench.store.track.rows.length]")
-        assert p.page.get_by_text(f"{lost} lost").count() if place else lost == 0  # what is no ball is lost by its word
-        written = p.write()
-        assert p.clicks <= 6
-        assert written["rod_video"]["file"] == file and ("scale" in written["rod_video"]) == (place is None)
-        assert n == len(open_experiment(tmp_path / name) and p.get("workbench.store.state.films[0].time"))
-
-
 # --- fit --------------------------------------------------------------------------------------------------------------
 
 
@@ -548,25 +520,6 @@ def test_flow_set_by_the_mouse_is_repeated_by_the_command_line(tmp_path, browser
             same(p.get(f"workbench.store.flow.{name}"), field[name].values)
 
 
-def test_pairs(tmp_path, browser):
-    """A folder of double exposures opens as pairs, whose time is typed; B of the last one is matched with its A."""
-    with opened(browser, double_exposures(tmp_path / "jet", 3)) as p:
-        assert p.label("Pictures").input_value() == "names"
-        p.click("#act")
-        p.until("workbench.store.flow")
-        assert p.get("workbench.store.flow.speed") == "px/frame" and "Frames 0 and 1" in p.page.inner_text("#counts")
-        p.key("End")
-        p.until("workbench.store.flow.frame === 4")
-        p.key("1")
-        p.label("Frame rate [1/s]").fill("10")
-        p.page.get_by_label("From A to B [ms]").fill("2")
-        p.until("workbench.store.table.grain_video.pair_time === 0.002")
-        given = p.write()["grain_video"]
-        assert (given["pairs"], given["pair_time"], given["frame_rate"]) == ("names", 0.002, 10)
-        p.click("#tab-find")
-        p.until("workbench.store.flow?.speed === 'px/s' && workbench.store.flow.frame === 4")
-
-
 def test_thresholds_of_bed_and_crater_are_moved_by_hand_and_written(tmp_path, browser):
     """A soft edge, a line that is faint on one side: where the level lies counts, and the run finds what was seen."""
     rng, bed, crater = np.random.default_rng(1), tmp_path / "bed", tmp_path / "crater"
@@ -619,19 +572,6 @@ def test_thresholds_of_bed_and_crater_are_moved_by_hand_and_written(tmp_path, br
         found = json.loads((stage("crater", crater) / "crater.json").read_text())
         assert [found["volume_m3"], found["sigma_m3"]] == seen["volume"]
         assert [None if r is None else round(r, 2) for r in found["line"]["row_px"]] == seen["row"]
-
-
-@LONG
-def test_a_click_on_sand_becomes_the_foot(tmp_path, browser):
-    sand = SAMPLES / "loose_sand" / "stutter-7.0Hz-film"
-    shutil.copytree(sand, tmp_path / "film", ignore=shutil.ignore_patterns("truth.json", "*.toml"))
-    with opened(browser, tmp_path / "film") as p:
-        p.click("button[data-section=grain_video]")
-        p.click("button[data-tool=foot]")
-        p.click_film((195, 53))
-        p.until("workbench.store.preview?.table.grain_video?.foot_row")
-        grain = p.get("workbench.store.preview.table.grain_video")
-        assert [grain["axis_column"], grain["foot_row"]] == pytest.approx([195, 53], abs=1.0)
 
 
 # --- campaign ---------------------------------------------------------------------------------------------------------
@@ -738,18 +678,6 @@ def test_after_a_run(tmp_path, browser, monkeypatch):
         assert p.page.locator("#film").is_visible()
 
 
-def test_an_experiment_without_a_film_is_run_by_its_button(tmp_path, browser):
-    (folder := tmp_path / "logs").mkdir()
-    (folder / "experiment.toml").write_text('schema = 1\n[motor_log]\nfile = "motor.csv"\n')
-    (folder / "motor.csv").write_text("time_s,position_m\n0,0\n0.1,0\n")
-    with opened(browser, folder) as p:
-        assert "no film or picture" in p.page.inner_text("#hint") and p.page.locator("#tab-run").is_visible()
-        assert not p.page.locator("#tab-scale").is_visible() and p.page.locator("#write").is_visible()
-        p.page.get_by_role("button", name="Run this experiment").click()
-        until(lambda: (run := p.server.benches.running) and not run.running)
-        p.page.get_by_text(p.server.benches.running.said, exact=True).wait_for()
-
-
 # --- add --------------------------------------------------------------------------------------------------------------
 
 
@@ -823,35 +751,32 @@ def test_add(tmp_path, browser, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("size", "scheme"),
+    ("size", "scheme", "what"),
     [
-        *(((1280, 800), "light"), ((820, 1180), "dark")),
-        *(pytest.param(s, c, marks=LONG) for s, c in (((1280, 800), "dark"), ((820, 1180), "light"))),
+        *(((1280, 800), "light", "flow"), ((820, 1180), "dark", "ball")),
+        *(pytest.param(*p, marks=LONG) for p in (((1280, 800), "dark", "flow"), ((820, 1180), "light", "ball"))),
     ],
     ids=str,
 )
-def test_no_serious_finding_of_axe(size, scheme, tmp_path, browser):
-    """In each step with a ball and with a flow, with the table, and nothing is cut at the side."""
+def test_no_serious_finding_of_axe(size, scheme, what, tmp_path, browser):
+    """In each step with a ball or with a flow, with the table, and nothing is cut at the side."""
     module = pytest.importorskip(AXE, reason="pip install axe-playwright-python")
     drop(tmp_path / "ball", experiment=FILM)
-    found = {}
-    with opened(browser, tmp_path / "ball", size, scheme, touch=size[0] < 1000) as p:
+    place, found = tmp_path / "ball" if what == "ball" else two_pictures(tmp_path / "pair"), {}
+    with opened(browser, place, size, scheme, touch=size[0] < 1000) as p:
         p.key("t")
-        p.followed()
-        p.plot()
-        p.fit("line", 2)
-        for view in ("sheet", "some"):
-            p.click(f"button[data-view={view}]")
-            found["ball", view] = serious(p.page, module)
-        for step in "1235":
+        if what == "ball":
+            p.followed()
+            p.plot()
+            p.fit("line", 2)
+            for view in ("sheet", "some"):
+                p.click(f"button[data-view={view}]")
+                found[view] = serious(p.page, module)
+        else:
+            p.until("workbench.store.flow")
+        for step in "1235" if what == "ball" else "1245":
             p.key(step)
-            found["ball", step] = serious(p.page, module)
-    with opened(browser, two_pictures(tmp_path / "pair"), size, scheme) as p:
-        p.key("t")
-        p.until("workbench.store.flow")
-        for step in "1245":
-            p.key(step)
-            found["flow", step] = serious(p.page, module)
+            found[step] = serious(p.page, module)
     assert {k: v for k, v in found.items() if v} == {}
 
 

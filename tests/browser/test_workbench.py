@@ -53,12 +53,10 @@ from tests.worlds.recorded import (
     RATE,
     ROWS,
     SCALE,
-    TURN,
     G,
     double_exposures,
     drop,
     flow_film,
-    two_pictures,
     vortex,
 )  # fmt: skip
 from tests.worlds.results import STUDY, of_file, same, stage
@@ -172,22 +170,6 @@ def test_g_of_drawn_drops_lies_within_its_sigma(tmp_path):
     assert (low < total).all() and (total < high).all(), total
 
 
-def test_a_damped_oscillation_is_found_as_it_was_drawn(tmp_path):
-    """In px; rows count down, y up. Its errors over their sigmas are those of sigmas that are true (chance 1e-3)."""
-    t, true, rng = np.arange(100) / 100, {"f": 3.0, "τ": 0.5}, np.random.default_rng(0)
-    y, x = np.mgrid[:160, :120]
-    rows = 60.3 + 30 * np.exp(-t / true["τ"]) * np.sin(2 * np.pi * true["f"] * t)
-    film = [30 + 170 / (1 + np.exp(np.clip((np.hypot(x - 60.3, y - r) - 8) / 0.6, -50, 50))) for r in rows]
-    np.save(tmp_path / "a.npy", np.clip(np.array(film) + rng.normal(0, 2, (100, 160, 120)), 0, 255).astype(np.uint8))
-    b = Benches(tmp_path / "a.npy")
-    fit = tracked(b, {"values": {"rod_video": {"frame_rate": 100.0}}}).fit(Part("time", "y", 0.0, 1.0, "damped"))
-    b.close()
-    found = {p.name: p for p in fit.parameters}
-    z = [(found[name].value - value) / found[name].sigma for name, value in true.items()]
-    assert np.sum(np.square(z)) < chi2.ppf(1 - 1e-3, len(z)), z
-    assert all(found[name].sigma < 0.01 * value for name, value in true.items()) and fit.rms < 0.1
-
-
 SETTINGS = {
     "mask, part": "[params.piv]\n",
     "slow": "[params.piv]\nbaseline = 3\n",
@@ -243,17 +225,6 @@ def test_double_exposures_are_drafted_as_pairs_by_their_names_and_matched_as_the
             cv2.imwrite(str(other / f"jet_{name}.png"), frame)
         found = [(r.file, "pairs" in r.values) for r in recordings(other, {})[0]]
         assert found == pairs if pairs else not any(paired for _, paired in found)
-
-
-def test_a_map_has_the_sign_and_the_place_of_the_truth(tmp_path):
-    b = Benches(two_pictures(tmp_path / "pair"))
-    s = b.bench.flow(draft_of({}), 0, "vorticity", False)
-    field = np.array(s.values, float).reshape(len(s.rows), len(s.columns))
-    row, column = (np.argmin(np.abs(np.array(a) - m)) for a, m in ((s.rows, ROWS / 2), (s.columns, COLUMNS / 2)))
-    # twice the rate of turning in the middle, anticlockwise positive; planes over 3 vectors, 8 px apart, and windows of
-    # 24 px see about a tenth less of a vortex of 40 px
-    assert field[row, column] == pytest.approx(2 * TURN, rel=0.15) and s.unit == "1/frame"
-    b.close()
 
 
 def test_the_mean_and_its_profile_are_those_of_the_pipeline_and_are_taken_while_they_hold(tmp_path):

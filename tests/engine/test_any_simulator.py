@@ -140,8 +140,10 @@ def bad(what, p, r):
         ("raises", {}, r"raised ZeroDivisionError: no such pendulum \(line \d+ of test_any_simulator.py\)"),
         ("nan", {}, "gave NaN or infinity, first at t = 0 s"),
         ("shape", {}, r"shape \(7,\); expected \(100, 1\)"),
-        ("dies", {"workers": 1}, "died by signal 11"),
-        *later(("hangs", {"workers": 1, "limit": 2.0}, r"took longer than 2 s \(limit\)")),
+        *later(
+            ("dies", {"workers": 1}, "died by signal 11"),
+            ("hangs", {"workers": 1, "limit": 2.0}, r"took longer than 2 s \(limit\)"),
+        ),
     ],
 )
 def test_a_failing_run_is_told_with_its_parameters(what, how, said):

@@ -28,7 +28,7 @@ from jumpvision.engine.noise.noise import (
 from jumpvision.engine.noise.whitening import Whitening
 from jumpvision.engine.order import Order, fit_baseline
 from jumpvision.engine.system import Candidate, Observation, Parameter
-from jumpvision.engine.worth.gain import ratio_interval
+from jumpvision.engine.worth.gain import gain, ratio_interval
 
 FRAME = 0.005
 
@@ -404,6 +404,20 @@ def test_the_interval_of_a_gain_holds_the_true_one_with_few_groups_too(groups, l
     assert least <= inside / 300 <= 0.995
     for few in ([[9.0, 1.0]], [[9.0, 1.0], [8.0, 1.1]]):
         assert ratio_interval(np.array(few)) == (0.0, math.inf)
+
+
+def test_a_gain_is_judged_on_jumps_that_neither_model_was_fitted_to():
+    """Four conditions of two jumps, each condition held out: the error is that of fits to the other three."""
+    system, noise = questioned(np.random.default_rng(36), n=8)
+    problem, off = Problem(system, noise), []
+    for k in range(4):
+        fit = problem.fit((), None, [i for i in problem.all if i // 2 != k])
+        held = [2 * k, 2 * k + 1]
+        off += [system.observations[i].y - y for i, y in zip(held, system.predict((), fit.named, held))]
+    found = gain(problem, lambda part, _: part.fit(), [0.0] * 8, np.random.default_rng(0), (), lambda p, base, _: base)
+    assert (
+        found.track_before == found.track_after == pytest.approx(np.sqrt(np.mean(np.concatenate(off) ** 2)), rel=1e-9)
+    )
 
 
 def test_the_gain_is_that_of_mechanisms_chosen_without_the_jumps_held_out():

@@ -75,15 +75,6 @@ def test_what_the_function_never_reads_has_no_effect(rng):
 
 
 # -- fits beside plain `scipy.optimize.least_squares` from the same start --
-def stuck(t: np.ndarray, p: dict[str, float]) -> np.ndarray:
-    """A driven mass with dry friction that holds."""
-    out, v, h = np.empty(t.size), 0.0, float(t[1] - t[0]) / 5
-    for i in range(t.size):
-        out[i] = v
-        for k in range(5):
-            pushed = v + h * (3.0 * math.sin(4.0 * (t[i] + k * h)) - p["viscous"] * v) / p["mass"]
-            v = math.copysign(max(abs(pushed) - h * p["dry"] / p["mass"], 0.0), pushed)
-    return out
 
 
 LINE = np.linspace(0.0, 2.0, 80)
@@ -94,10 +85,6 @@ CASES = {  # a model of t, its free parameters (start, low, high), their true va
     "valley": (
         lambda t, p: 10 * (p["y"] - p["x"] ** 2) * (t < 1) + (1 - p["x"]) * t,
         {"x": (-1.2, -3, 3), "y": (1, -3, 3)}, {"x": 1.3, "y": 1.69}, 0.05, LINE,
-    ),
-    "dry friction": (
-        stuck, {"mass": (1.2, 0.3, 4), "viscous": (0.2, 0, 3), "dry": (0.4, 0, 2.5)},
-        {"mass": 0.8, "viscous": 0.5, "dry": 1.1}, 0.01, np.linspace(0.0, 6.0, 200),
     ),
 }  # fmt: skip
 

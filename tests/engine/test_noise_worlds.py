@@ -93,9 +93,3 @@ def test_scale_and_clock_of_a_track_are_wrong_as_declared():
     seen = logs.seen_rod(uniform_motion(0.3), how, zero=0.0, rng=rng()).columns
     t = seen["time_s"][:-2]  # the last would lie beyond the motion
     np.testing.assert_allclose(seen["height_m"][:-2], 1.01 * 0.3 * (t + 2e-3 + 1e-3 * t), atol=1e-12)
-
-
-def test_impossible_noise_is_refused():
-    for wrong in ({"family": "cauchy"}, {"ratio": 0.2}, {"rho": 1.0}):
-        with pytest.raises(ValueError, match="family of white, t3, outliers"):
-            RodTrack(**wrong)

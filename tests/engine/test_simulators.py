@@ -128,38 +128,7 @@ def test_any_program_answers_by_csv(tmp_path):
         jv.from_program(["./simulate"], ["height"])
 
 
-FMU = '''
-import math
-from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Variability, Real
-
-
-class Lag(Fmi2Slave):
-    """tau y' + y = u, exactly for an input that is held over a step."""
-
-    def __init__(self, **kwargs):
-        super().__init__(**kwargs)
-        self.tau, self.y, self.u = 0.1, 0.0, 0.0
-        self.register_variable(Real("tau", causality=Fmi2Causality.parameter, variability=Fmi2Variability.tunable))
-        self.register_variable(Real("y", causality=Fmi2Causality.output))
-        self.register_variable(Real("u", causality=Fmi2Causality.input))
-
-    def do_step(self, current_time, step_size):
-        self.y = self.u + (self.y - self.u) * math.exp(-step_size / self.tau)
-        return True
-'''
-
-
-def test_an_fmu_answers(tmp_path):
-    pytest.importorskip("fmpy")
-    builder = pytest.importorskip("pythonfmu.builder")
-    (tmp_path / "lag.py").write_text(FMU)
-    file = builder.FmuBuilder.build_FMU(tmp_path / "lag.py", dest=tmp_path)
-    run = jv.from_fmu(file, {"y": "y"}, model={"tau": "tau"}, drive={"u": "force"})
-    assert np.allclose(run({"tau": 0.2}, recording(force=2.0))["y"], 2.0 * (1.0 - np.exp(-T / 0.2)), atol=1e-12)
-    with pytest.raises(InputError, match="no variable 'z'"):
-        jv.from_fmu(file, {"y": "z"})
-
-
+@pytest.mark.long
 def test_a_mujoco_model_is_questioned_and_its_law_named():
     """The page's own study; truth: the fall with quadratic drag in closed form, c = 0.05 N s^2/m^2 on 1 kg."""
     pytest.importorskip("mujoco")

@@ -156,6 +156,7 @@ def said(d):
     return {(v.parameter, str(v.kind)) for v in sure}, {r for v in sure for r in v.recordings}
 
 
+@pytest.mark.long
 def test_a_laboratory_at_fault_is_named():
     """A scale that is another from a day on, by a writing that shares no solver with the analysis."""
     t = truth(3, SEED)

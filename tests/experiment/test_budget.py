@@ -36,7 +36,7 @@ from jumpvision.experiment.inputs.sections import (
 )
 from jumpvision.experiment.results.fields import Column, ColumnGeometry, Flow, FlowGeometry
 from jumpvision.experiment.results.summary import JUMP_COLUMNS
-from jumpvision.experiment.results.tables import RodMotion, Track
+from jumpvision.experiment.results.tables import RodMotion, Simulation, Track
 from jumpvision.experiment.results.values import BedHeight, Fits
 from jumpvision.experiment.stages.bed.height import bed, packing_common
 from jumpvision.experiment.stages.fit import flight_fits, height_fits, ring_fits
@@ -50,7 +50,7 @@ from jumpvision.experiment.stages.recordings import (
     with_common,
 )
 from jumpvision.experiment.stages.rod import rod
-from jumpvision.experiment.stages.summary import summary
+from jumpvision.experiment.stages.summary import simulated_height, summary
 from jumpvision.experiment.stages.track import ball_motion, through, with_rest_zero
 from jumpvision.experiment.workflow.stage import Said
 from jumpvision.films.calibration import CLICKED_MARK
@@ -232,6 +232,15 @@ def test_a_common_part_far_beyond_the_noise_leaves_a_weight():
     common = np.full(5, 1e-3)
     assert np.all(independent(common, common) > 0.0)
     assert independent([3.0, 5.0, 2.0], [0.0, 3.0, 0.0]).tolist() == [3.0, 4.0, 2.0]
+
+
+def test_a_simulated_height_counts_from_rest_and_from_the_motors_stop():
+    """A rod that rests at 0.5 m is thrown 40 mm up while the motor pushes, and flies to 20 mm once it has stopped."""
+    t = np.arange(0.0, 1.0, 1e-3)
+    pushed = 0.04 * np.sin(np.pi * np.clip((t - LAW.start) / (LAW.stop - LAW.start), 0.0, 1.0))
+    flown = np.where(t > LAW.stop, np.maximum(0.02 - 4.905 * (t - LAW.stop - 0.08) ** 2, 0.0), pushed)
+    columns = {"time_s": t, "rod_m": 0.5 + flown} | dict.fromkeys(("foot_m", "motor_m", "ground_N", "spring_N"), 0.0)
+    assert simulated_height(Simulation(pd.DataFrame(columns)), LAW, None) == pytest.approx(0.02, abs=1e-6)
 
 
 # -- clock and gravity ---------------------------------------------------------------------------------------

@@ -83,13 +83,34 @@ def test_a_slip_of_the_hand_is_named():
 
 
 def test_healthy_recordings_raise_no_doubt():
-    """Rates, noise and clocks within their errors: a log of 1 kHz, its clock off by 2 ms."""
-    for seed in range(6):
+    """Rates, noise and clocks within their errors: logs off by 2 ms, of a switch that bounces for 3 ms."""
+    for seed in range(12):
         rng = np.random.default_rng(100 + seed)
         noise = 10 ** rng.uniform(-5.0, -4.0)
         t, h, flights = hops(rng, rate=rng.choice([200.0, 500.0, 1000.0]), noise=noise)
+        clock = np.arange(0.0, t[-1], rng.choice([1e-3, 5e-4]))
+        touches = contact_of(clock, flights)
+        for _, down in flights:
+            touches[(clock > down) & (clock < down + 0.003)] = rng.integers(0, 2)
+        assert doubts(t, h, clock + rng.choice([0.002, -0.002]), touches, noise) == [], seed
+
+
+@pytest.mark.parametrize("fault", ["always 1", "cut before", "cut between", "stuck from there"])
+def test_a_contact_log_that_leaves_flights_out_is_named(fault):
+    """With how many flights it shows beside the track's."""
+    for seed in range(4):
+        t, h, flights = hops(np.random.default_rng([72, seed]))
         clock = np.arange(0.0, t[-1], 1e-3)
-        assert doubts(t, h, clock + 0.002, contact_of(clock, flights), noise) == [], seed
+        kept = 2 if fault in ("cut between", "stuck from there") else 0
+        stops = flights[1][1] + 0.5 * CONTACT if kept else 0.3
+        touches = np.where(clock > stops, 1.0, contact_of(clock, flights))
+        if fault.startswith("cut"):
+            clock, touches = clock[clock < stops], touches[clock < stops]
+        motion = Motion(t, h, np.full(t.size, 5e-5), G)
+        (doubt,) = cross_checks("rod_track", motion, (clock, touches), None, None)
+        assert (doubt.kind, doubt.recording) == ("differs", "contact_log")
+        assert doubt.values == {"contact_flights": kept, "track_flights": len(flights)}
+        assert ("it ends at" in str(doubt)) == fault.startswith("cut")
 
 
 def test_a_log_of_the_other_sign_is_named():

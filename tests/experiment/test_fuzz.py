@@ -8,7 +8,7 @@ import pytest
 
 from tests.worlds import fuzz_files
 
-CASES = 40  # of each kind
+CASES = 25  # of each kind
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits time and memory of processes as Linux does")

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import datetime
 import sys
+import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from jumpvision.base.schema import InputError
 from jumpvision.experiment.init.recognise import recognised
+from jumpvision.experiment.inputs import logs
 from jumpvision.experiment.inputs.logs import read_log
 from jumpvision.experiment.inputs.recordings import MotorLog, SpringLog
 from tests.worlds.logs import write
@@ -32,6 +35,15 @@ def test_every_format_gives_the_same_numbers(tmp_path, ending):
     assert (d.time_s.to_numpy() == T).all() and (d.position_m.to_numpy() == X).all()
     found = recognised(tmp_path, file.name, None)
     assert (found.section, found.file) == ("motor_log", file.name)
+
+
+def test_a_log_that_is_written_again_is_read_again(tmp_path, monkeypatch):
+    """Though what was read is kept once the file has rested: here a minute has passed after each reading."""
+    monkeypatch.setattr(logs, "time", SimpleNamespace(time=lambda: time.time() + 60.0))
+    for shift in (0.0, 1e-3):
+        file = write(tmp_path / "motor.csv", {"time_s": T, "position_m": X + shift})
+        found = [read_log(motor(file), "time_s", "position_m").position_m.to_numpy() for _ in range(2)]
+        np.testing.assert_array_equal(found, [X + shift] * 2)
 
 
 @pytest.mark.parametrize(

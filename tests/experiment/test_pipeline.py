@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import os
-import signal
 import subprocess
 import sys
-import textwrap
 import time
 import warnings
 from dataclasses import dataclass, replace
@@ -100,15 +97,6 @@ def lab(tmp_path):
     return lab
 
 
-def test_a_second_run_recomputes_nothing(lab):
-    first, calls, _ = lab.make()
-    assert calls == ["first", "second", "third"]
-    again, calls, w = lab.make()
-    assert (again, calls) == (first, [])
-    assert [s.state for s in w.steps] == ["cached"] * 3
-    assert json.loads((lab.root / "results" / "third.json").read_text()) == first
-
-
 def test_a_changed_parameter_recomputes_what_depends_on_it(lab):
     lab.make()
     assert lab.make(params={"bed": {"method": "threshold"}})[1] == ["third"]
@@ -129,15 +117,6 @@ def test_another_version_of_a_stage_recomputes_it_and_what_reads_it(lab, monkeyp
     assert [s.state for s in w.steps] == ["cached", "computed", "computed"]
     monkeypatch.setitem(pipeline.STAGES, Second, old)
     assert lab.make()[0]["sum"] == 5  # the results of the first version are still there
-
-
-def test_a_changed_recording_is_noticed_and_a_touched_one_is_not_recomputed(lab):
-    lab.make()
-    lab.write("time_s,position_m\n0,0\n1,0\n")
-    values, calls, _ = lab.make()
-    assert (values["sum"], calls) == (7, ["first", "second", "third"])
-    os.utime(lab.root / "exp" / "motor.csv")
-    assert lab.make()[1] == []
 
 
 def test_a_recording_that_is_exchanged_while_it_is_read_is_no_result(lab):
@@ -175,56 +154,6 @@ def test_an_error_says_where_and_leaves_nothing_half_written(lab):
     assert "in stage 'bed'" in e.value.__notes__[0]
     assert not list((lab.root / "cache").glob("writing-*"))
     assert not (lab.root / "results" / "third.json").exists()
-
-
-KILLED = textwrap.dedent("""
-    import sys, os, time, pathlib
-    from jumpvision.experiment.workflow.workspace import Workspace
-    from jumpvision.experiment.workflow.stage import stage
-    from jumpvision.experiment.results.values import Values
-    from jumpvision.experiment.inputs.experiment import open_experiment
-    from jumpvision.experiment.inputs.sections import MotorLog
-
-    class Slow(Values):
-        file = "slow.json"
-        def save(self, folder):
-            text = "[" + ", ".join("1" for _ in range(20000)) + "]"
-            with open(folder / self.file, "w") as f:
-                for c in range(0, len(text), 2000):
-                    f.write(text[c:c+2000]); f.flush(); time.sleep(0.003)
-
-    @stage(version=1)
-    def slow(log: MotorLog) -> Slow:
-        return Slow({})
-
-    root = pathlib.Path(sys.argv[1])
-    print("go", flush=True)
-    Workspace(open_experiment(root / "exp"), root / "results", root / "cache").make(Slow)
-""")
-
-
-@pytest.mark.skipif(os.name == "nt", reason="needs SIGKILL")
-def test_killed_at_any_moment_it_resumes_with_a_whole_result(lab):
-    """Kill -9 at 4 moments spread over the writing of a result; what is there is whole or absent, and a rerun mends."""
-    script = lab.root / "slow.py"
-    script.write_text(KILLED)
-    result = lab.root / "results" / "slow.json"
-    for wait in (0.0, 0.03, 0.07, 0.11):
-        p = subprocess.Popen([sys.executable, script, lab.root], stdout=subprocess.PIPE)
-        p.stdout.readline()
-        try:
-            p.wait(wait)
-        except subprocess.TimeoutExpired:
-            p.send_signal(signal.SIGKILL)
-            p.wait()
-        p.stdout.close()
-        if result.exists():
-            assert len(json.loads(result.read_text())) == 20000
-    subprocess.run([sys.executable, script, lab.root], check=True, stdout=subprocess.DEVNULL)
-    assert len(json.loads(result.read_text())) == 20000
-    storage.sweep_leftovers(lab.root / "results", lab.root / "cache")
-    assert not list((lab.root / "cache").glob("writing-*"))
-    assert not list((lab.root / "results").glob(".*.tmp"))
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")

@@ -7,39 +7,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import pandas as pd
 import pytest
 import xarray as xr
 
 from jumpvision.cli import main
 
 PIV = '[grain_video]\nfile = "{}"\nframe_rate = 1.0\n'
-
-
-def test_the_falling_ball_of_a_photron_camera(real_data, tmp_path):
-    """15 frames of 12 bit: over 0.5 ms of free fall the path is a parabola.
-
-    An edge-and-circle fit of others leaves 0.0018 px (x) and 0.0024 px (y); ours 0.0016 and 0.0031.
-    """
-    for name in ("ball_12bit.mraw", "ball_12bit.cihx"):
-        shutil.copy(real_data / "photron_ball_12bit" / name, tmp_path)
-    (tmp_path / "experiment.toml").write_text(
-        '[rod_video]\nfile = "ball_12bit.mraw"\nscale = 2e-5\nball_diameter = 0.002526\n'
-        '[params.track]\npolarity = "dark"\n'
-    )
-    assert main(["track", str(tmp_path), "--results", str(tmp_path / "r"), "--no-pictures"]) == 0
-    d = pd.read_csv(tmp_path / "r" / "track.csv")
-    assert d.flag.isna().all()
-    assert np.diff(d.time_s) == pytest.approx(1 / 30000, rel=1e-6)
-    for column, bound in (("x_px", 0.0025), ("y_px", 0.0035)):
-        fit = np.polyfit(d.frame, d[column], 2)
-        assert (d[column] - np.polyval(fit, d.frame)).std(ddof=3) < bound
-    assert np.polyfit(d.frame, d.y_px, 1)[0] == pytest.approx(2.65, abs=0.02)
-    # the same recording with the published method: usable, ten times noisier
-    assert main(["track", str(tmp_path), "--results", str(tmp_path / "t"), "--set", "track.method=threshold",
-                 "--no-pictures"]) == 0  # fmt: skip
-    t = pd.read_csv(tmp_path / "t" / "track.csv")
-    assert np.abs(t.y_px - d.y_px - (t.y_px - d.y_px).mean()).max() < 0.1
 
 
 def compare_with_openpiv(folder: Path, files: list[Path], pattern: str) -> None:
@@ -66,11 +39,6 @@ def compare_with_openpiv(folder: Path, files: list[Path], pattern: str) -> None:
     assert np.isfinite(off).mean() > 0.7
     assert np.abs(np.nanmedian(off, axis=1)).max() < 0.05
     assert np.nanmedian(np.abs(off)) < 0.25
-
-
-def test_the_karman_street_of_pivlab(real_data, tmp_path):
-    files = sorted((real_data / "pivlab_karman").glob("PIVlab_Karman_*.bmp"))
-    compare_with_openpiv(tmp_path, files, "PIVlab_Karman_*.bmp")
 
 
 def test_the_image_pair_that_openpiv_ships(tmp_path):

@@ -161,6 +161,19 @@ def test_the_gap_below_the_face_is_bridged_and_a_lost_corner_is_reported():
     assert 0.6 < lost.covered < 0.8  # a quarter of the view, and the rows too far below the face
 
 
+def test_a_hole_is_uncertain_by_the_difference_of_its_neighbours():
+    """Evenly spread between them: their difference over sqrt(12), times what the momentum changes by with the cell."""
+    x, y, v, box, _ = plume(41, 40)
+    one = np.zeros(v.shape)
+    one[10, 24] = 1.0
+    whole, more, hole = (
+        momentum(w, x, y, 0.0 * v, ok, **box, **M, correlation_length=4.0)
+        for w, ok in ((v, one < 2), (v - one, one < 2), (v, one < 1))
+    )
+    of_hole = (more.value - whole.value) * (v[10, 25] - v[10, 23]) / math.sqrt(12.0)
+    assert math.sqrt(hole.sigma**2 - whole.sigma**2) == pytest.approx(abs(of_hole), rel=1e-6)
+
+
 def test_a_plug_counts_in_full_wherever_the_face_lies_between_two_rows():
     """Windows of 3 steps leave no vectors within 1.5 steps of the face; the cells up to it are part of the plug."""
     x, y, v, box, _ = plume(41, 40)

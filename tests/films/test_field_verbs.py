@@ -176,8 +176,9 @@ def test_a_plot_shows_the_field(rotation):
     field = jv.piv(np.array([a, b, b]), window=24, step=8, scale=1e-4)
     axis = field.jv.plot()  # where most moves
     (arrows,) = (c for c in axis.collections if type(c).__name__ == "Quiver")
-    good = field.isel(t=0).sortby("y").where(field.chc.isel(t=0) > 0).u.values
-    np.testing.assert_allclose(np.sort(arrows.U), np.sort(good[np.isfinite(good)]))
+    good = field.isel(t=0).sortby("y").where(field.chc.isel(t=0) > 0)
+    for shown, values in ((arrows.U, good.u.values), (arrows.V, good.v.values)):
+        np.testing.assert_allclose(np.sort(shown), np.sort(values[np.isfinite(values)]))
     assert axis.get_xlabel() == "x [mm]" and arrows.colorbar.ax.get_ylabel() == "speed [m/frame]"
     assert "t = 0.5 frame" in axis.get_title() and "t = 1.5 frame" in jv.plot(field, "u", t=2.0).get_title()
     axis = jv.plot(field, "vorticity")

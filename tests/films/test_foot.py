@@ -137,12 +137,12 @@ def foot_on_grains(face, lens, grey, touching, pattern, rng, sub=4):
 
 
 def test_feet_on_round_grains(lens=0.55):
-    """A dark foot on grains that touch it, and the negative of a bright one on grains cut by it, at 16 parts of
+    """A dark foot on grains that touch it, and the negative of a bright one on grains cut by it, at 8 parts of
     a pixel: the face lies within two of the stated sigmas, which are those of the laid-up frames, not of an edge."""
     for k, (grey, touching) in enumerate([(45, True), (120, False)]):
         rng = np.random.default_rng([k, int(100 * lens)])
         pattern = ndimage.gaussian_filter(rng.normal(size=(480, 800)), 4.8)
-        truth = 40 + 9 * np.sin(np.arange(16) * 0.55 + k) + 0.37 * np.arange(16)
+        truth = 40 + 9 * np.sin(np.arange(8) * 1.1 + k) + 0.74 * np.arange(8)
         frames = [camera(foot_on_grains(f, lens, grey, touching, pattern / pattern.std(), rng), 2, rng) for f in truth]
         shown = [255 - f for f in frames] if k % 2 else frames
         track = track_foot(shown, row=float(round(truth[0])), **SETTINGS | {"depth": 16})

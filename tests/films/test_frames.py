@@ -284,23 +284,6 @@ def test_missing_images_leave_gaps_in_time(tmp_path):
         assert film.warnings == ()
 
 
-def test_mixed_sizes_and_formats(tmp_path):
-    write_images(tmp_path / "film", film_of(4), ".png")
-    cv2.imwrite(str(tmp_path / "film" / "img2.png"), film_of(1, (30, 40))[0])
-    with pytest.raises(FrameError, match=r"img2\.png: 30 x 40 pixels, but img0\.png has 24 x 40"):
-        open_frames(tmp_path / "film", frame_rate=1.0)
-    cv2.imwrite(str(tmp_path / "film" / "img2.bmp"), film_of(1)[0])
-    with pytest.raises(FrameError, match=r"mixes 1 \.bmp, 4 \.png"):
-        open_frames(tmp_path / "film", frame_rate=1.0)
-    write_images(tmp_path / "depth", film_of(3), ".png")
-    cv2.imwrite(str(tmp_path / "depth" / "img1.png"), film_of(1, dtype="uint16")[0])
-    with open_frames(tmp_path / "depth", frame_rate=1.0) as film, pytest.raises(FrameError, match=r"img1\.png.*uint16"):
-        film[1]
-    tiff_pages(tmp_path, [film_of(1, (rows, 40))[0] for rows in (24, 24, 20)])
-    with pytest.raises(FrameError, match="page 2 is"):
-        open_frames(tmp_path / "film.tif", frame_rate=1.0)
-
-
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".bmp", ".tif", ".pgm"])
 def test_torn_image_is_named(tmp_path, suffix):
     y, x = np.mgrid[:120, :160]

@@ -30,11 +30,7 @@ def draw(seed, *, speckle=0.0, size=1.5, width=2.0, peak=180.0, light=15.0, lamp
 
 # kind of picture: largest rms error [px]. Without speckle the bar is 0.03 px. Speckle sets a floor of its own in
 # proportion to its contrast; the bounds there are the rms that was measured, plus a tenth.
-KINDS = [
-    ({}, 0.03),
-    ({"speckle": 0.15}, 0.092),
-    ({"peak": 60.0, "speckle": 0.05}, 0.080),
-]
+KINDS = [({}, 0.03), ({"speckle": 0.15}, 0.092), ({"peak": 60.0, "speckle": 0.05}, 0.080)]
 
 
 @pytest.mark.parametrize(("kind", "bar"), KINDS, ids=str)

@@ -15,7 +15,7 @@ from jumpvision.films.vision.ball.track import BallSettings
 from tests.worlds.ball_pictures import BACK, CONTRAST, ball_image, camera
 
 N, SHAPE, D = 200, (110, 130), 14.0
-CUTS = (61, 75, 120, 163)
+CUTS = (61, 120)
 
 
 def settings(seed):

@@ -17,11 +17,9 @@ from jumpvision import statistics
 from jumpvision.base.schema import InputError, StageWarning
 from jumpvision.experiment.inputs.sections import RodVideo
 from jumpvision.experiment.inputs.vectors import read_vectors
-from jumpvision.experiment.stages.recordings import StraightFilm, open_film
+from jumpvision.experiment.stages.recordings import open_film
 from jumpvision.films import FrameError, open_frames
 from jumpvision.films.resample import resample
-from jumpvision.films.vision.camera import camera
-from jumpvision.films.vision.piv.engine import piv_pair
 
 # Pictures ------------------------------------------------------------------------------------------------------------
 
@@ -72,30 +70,6 @@ def test_beyond_its_border_a_picture_goes_on_as_it_ends():
         rows, columns = np.mgrid[-3:8, -40:40]
         inside = np.clip(rows, 0, picture.shape[0] - 1), np.clip(columns, 0, picture.shape[1] - 1)
         assert np.array_equal(resample(picture, columns.astype(np.float32), rows.astype(np.float32)), picture[inside])
-
-
-def test_a_lens_that_is_undone_leaves_no_pattern_in_the_mean_motion(tmp_path):
-    """Eight pairs of grains through a lens of 2.5 %: their mean is off by no more than their scatter / sqrt(8)."""
-    rng, shape, moved = np.random.default_rng(1), (240, 320), np.array([3.4, 1.7])
-    centre = ((shape[1] - 1) / 2, (shape[0] - 1) / 2)
-    view = camera(
-        scale=1.0, up="-y", tilt=0.0, marks=(), k1=0.025 / (centre[0] ** 2 + centre[1] ** 2), k2=0.0, centre=centre
-    )
-    x, y = view.undistorted(*np.meshgrid(np.arange(shape[1]), np.arange(shape[0])))
-    frames = []
-    for _ in range(8):
-        grey = waves(rng)
-        frames += [grey(x - s * moved[0], y - s * moved[1]) + rng.normal(0, 2, shape) for s in (-0.5, 0.5)]
-    np.save(tmp_path / "g.npy", np.clip(np.rint(frames), 0, 255).astype(np.uint8))
-    error = []
-    settings = {"window": 24, "step": 8, "passes": (64, 32), "min_correlation": 0.3, "min_texture": 2.0, "outlier": 2.0}
-    with StraightFilm(open_frames(tmp_path / "g.npy", frame_rate=1.0), view, view.scale) as film:
-        for i in range(0, len(film), 2):
-            field = piv_pair(film[i], film[i + 1], **settings)
-            error.append(np.stack([field.u - moved[0], field.v - moved[1]])[:, 2:-2, 2:-2])
-    of_mean, scatter = np.sqrt(np.mean(np.mean(error, 0) ** 2)), np.sqrt(np.mean(np.var(error, 0, ddof=1)) / 8)
-    assert of_mean <= 0.0039  # px; with OpenCV's cubic 0.0063
-    assert of_mean < 1.15 * scatter  # 2,000 values, alike over 3 x 3 vectors: their rms is known to 5 %
 
 
 # Films ---------------------------------------------------------------------------------------------------------------

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from jumpvision.films.grains import gradients as strain
-from jumpvision.films.grains.gradients import Gradients, gradients
+from jumpvision.films.grains.gradients import Gradients
 from jumpvision.films.grains.steady import Memory, Velocities, steady
 
 N, SHAPE = 400, (6, 7)
 UU, VV, UV = 0.04, 0.01, -0.012  # m^2/s^2
-NOISE = 0.05  # m/s
+NOISE = 0.05, 0.02  # m/s, of u and v
 
 
 def drawn(rng: np.random.Generator, memory: float, n: int = N) -> np.ndarray:
@@ -25,22 +25,24 @@ def drawn(rng: np.random.Generator, memory: float, n: int = N) -> np.ndarray:
 
 
 def fields(w: np.ndarray, rng: np.random.Generator) -> tuple[list[Velocities], list[Memory]]:
-    seen = w + NOISE * rng.standard_normal(w.shape) + np.array([1.0, -0.3])[None, :, None, None]
+    noise, mean = (np.array(a)[None, :, None, None] for a in (NOISE, (1.0, -0.3)))
+    seen = w + noise * rng.standard_normal(w.shape) + mean
     ok = rng.uniform(size=(len(w), *SHAPE)) < 0.9
-    every = np.full(SHAPE, NOISE)
-    each = [Velocities(a[0], a[1], every, every, k) for a, k in zip(seen, ok)]
+    sigmas = [np.full(SHAPE, s) for s in NOISE]
+    each = [Velocities(a[0], a[1], *sigmas, k) for a, k in zip(seen, ok)]
     series = np.where(ok[:, None], seen, np.nan)
     return each, [Memory.of(series[:, k].reshape(len(w), -1)) for k in (0, 1)]
 
 
-@pytest.mark.parametrize("memory", [0.0, 0.8])
-def test_sigmas_of_means_and_stresses_are_true(memory):
-    """60 flows of 42 places each: the share within a sigma is known to about 2 %; 64-72 % asked."""
+@pytest.mark.parametrize("memory, n, flows", [(0.0, N, 60), (0.8, N, 60), (0.0, 6, 200)])
+def test_sigmas_of_means_and_stresses_are_true(memory, n, flows):
+    """60 flows of 42 places each: the share within a sigma is known to about 2 %; 64-72 % asked. Of 4 to 6 values means
+    follow Student's t (68.3 %; without its factor 62 %), and a square is within its sigma in 66 %: known to .6 %."""
     rng = np.random.default_rng(3)
     z, off = ({n: [] for n in ("u", "v", "uu", "vv", "uv")} for _ in range(2))
     truth = {"u": 1.0, "v": -0.3, "uu": UU, "vv": VV, "uv": UV}
-    for _ in range(60):
-        each, memories = fields(drawn(rng, memory), rng)
+    for _ in range(flows):
+        each, memories = fields(drawn(rng, memory, n), rng)
         found = steady(each, *memories)
         for name, value in truth.items():
             off[name].append(getattr(found, name) - value)
@@ -73,16 +75,12 @@ def test_swirl_is_half_the_vorticity_of_a_solid_rotation_and_nothing_in_shear_or
         assert of(*a.ravel()) == pytest.approx(np.abs(np.linalg.eigvals(a).imag).max(), abs=1e-12)
 
 
-def test_swirl_sigma_is_that_of_its_noise():
-    """A vortex with noise on every vector, of windows that do not overlap; the share of a sigma is known to 1 %."""
-    rng = np.random.default_rng(2)
-    x = np.arange(5.0)
-    sigma = np.full((5, 5), 0.02)
-    u, v = np.meshgrid(x, x)[1] * -0.7, np.meshgrid(x, x)[0] * 0.9
-    z = []
-    for _ in range(1500):
-        a, b = (w + sigma * rng.standard_normal(w.shape) for w in (u, v))
-        g: Gradients = gradients(a, b, x, x, sigma, sigma, sigma > 0, half_width=1, correlation_length=1.0)
-        at = strain.swirl(g.u_x, g.u_y, g.v_x, g.v_y)[2, 2]
-        z.append((at - np.sqrt(0.63)) / strain.swirl_sigma(g)[2, 2])
-    assert 0.65 < np.mean(np.abs(z) < 1.0) < 0.715
+def test_sigmas_hold_where_both_derivatives_of_a_component_err_alike():
+    """u_x with u_y, v_x against v_y; the scatter of 40,000 draws is known to 0.35 %, what is not linear is 0.1 %."""
+    rng, s, r = np.random.default_rng(2), 0.02, 0.8
+    true = np.array([3.0, -2.0, 8.0, 1.0])
+    root = [np.linalg.cholesky([[1.0, c], [c, 1.0]]) for c in (r, -r)]
+    drawn = [m[:, None] + s * a @ rng.standard_normal((2, 40_000)) for m, a in zip((true[:2], true[2:]), root)]
+    g = Gradients(*true, s, s, s, s, r * s * s, -r * s * s)
+    for of, sigma in ((strain.shear_rate, strain.shear_rate_sigma), (strain.swirl, strain.swirl_sigma)):
+        assert np.std(of(*drawn[0], *drawn[1])) == pytest.approx(float(sigma(g)), rel=0.015), of.__name__

@@ -30,6 +30,7 @@ WRITTEN: dict[str, tuple[Write, float]] = {  # how, and the greatest difference 
     "a turned view": (lambda a: a[..., ::-1].copy()[..., ::-1], 0.0),
     "gain 1/255": (lambda a: a / 255.0, 1e-3),
     "offset 1e5": (lambda a: a + 1e5, 1e-3),
+    "below zero": (lambda a: a - 128.0, 1e-3),
 }
 
 
@@ -141,3 +142,32 @@ def test_the_smallest_ball_has_one_size():
     with pytest.raises(InputError, match=r"diameter = 5.9: must be in \[6, 2000\] px"):
         jv.track(film, diameter=5.9, polarity="dark")
     assert SMALLEST_BALL == 6.0 and len(jv.track(film[:2], diameter=SMALLEST_BALL, polarity="dark")) == 2
+
+
+def test_masked_and_infinite_pixels_are_left_out_or_refused():
+    """Of a field no vector lies wholly on them, the others are as without; a track and a bed read every pixel."""
+    a, b = speckle().astype(float)
+    hidden = np.zeros(a.shape, bool)
+    hidden[:40] = True
+    masked = jv.piv(*(np.ma.array(p, mask=hidden) for p in (a, b)), window=16, step=8)
+    np.testing.assert_array_equal(masked.u, jv.piv(a, b, mask=~hidden, window=16, step=8).u)
+    assert np.isnan(masked.u.to_numpy()).any()
+    a[5, 7], b[40, 60] = np.inf, np.nan
+    assert np.isfinite(jv.piv(a, b, window=32, step=16).u).all()
+    film = np.ma.array(ball(), mask=np.zeros((10, 64, 90), bool))
+    film.mask[2, 5, 7] = True
+    for ask in (lambda f: jv.track(f, diameter=12), lambda f: jv.bed(f, floor_row=60.0)):
+        with pytest.raises(ValueError, match=r"frame 2 has 1 pixels that are masked .* in row 5, column 7"):
+            ask(film)
+
+
+def test_what_is_no_grey_image_or_no_scale_is_refused():
+    a, b = speckle()
+    for scale in ((1, 2), 0.5, True, 0.0, float("nan"), "0.001"):
+        for call in (lambda s: jv.piv(a, b, scale=s), lambda s: jv.track(ball(), diameter=12, scale=s)):
+            with pytest.raises(InputError, match=r"scale = .*\(0, 0.01\] m per pixel"):
+                call(scale)
+    for given, words in ((np.dstack([a] * 3), "frame 0 has shape"), (a.astype(complex), "frame 0 holds complex128"),
+                         (a[:, :10], "different sizes"), (np.zeros_like(a), "no vector in the field")):  # fmt: skip
+        with pytest.raises(ValueError, match=words):
+            jv.piv(given, b if given.any() else given)

@@ -2,6 +2,7 @@
 
 import json
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,9 +12,11 @@ from scipy.io import savemat
 from jumpvision.base.schema import InputError
 from jumpvision.cli import main
 from jumpvision.experiment.results.fields import Flow, Piv
+from jumpvision.experiment.stages.grains.piv import add_foot
 from jumpvision.experiment.workflow.stage import results_stages
 from jumpvision.films.grains.column import follow_plug, scatter_sigma
 from jumpvision.films.grains.gradients import correlated_variance
+from jumpvision.films.vision.foot_face import FootTrack
 from tests.worlds.vector_files import (
     AXIS,
     BAD,
@@ -140,6 +143,18 @@ def test_scatter_gives_the_noise_of_overlapping_windows():
         # the same model of correlation as the momentum uses
         expected = 6.0 - 8.0 * max(0, 1 - 1 / length) + 2.0 * max(0, 1 - 2 / length)
         assert correlated_variance(np.array([[1.0, -2.0, 1.0]]), length) == pytest.approx(expected)
+
+
+def test_a_followed_foot_has_its_true_error(n=4000):
+    """Place and speed from rows of 0.1 px noise: neighbours share a row, 4 sigma of the scatter are sqrt(1.5) 4.5 %."""
+    time, film = np.arange(n) * 1e-3, SimpleNamespace(scale=1e-4, foot_row=20.0)
+    row = 20.0 + 300.0 * time + np.random.default_rng(4).normal(0.0, 0.1, n)
+    got, p = {}, SimpleNamespace(gap=1, ensemble=1)
+    add_foot(got, FootTrack(row, np.full(n, 0.1), np.full(n, ""), 0.0), time, film, 1, p)
+    found = {k: got[k][1] for k in got}
+    place = -300.0 * (time[1:] + time[:-1]) / 2 * 1e-4
+    assert np.std((found["foot_y"] - place) / found["foot_y_sigma"]) == pytest.approx(1.0, abs=0.055)
+    assert np.std((found["foot_v"] + 0.03) / found["foot_v_sigma"]) == pytest.approx(1.0, abs=0.055)
 
 
 def test_the_plug_gives_the_foot_with_its_true_error():

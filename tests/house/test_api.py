@@ -81,36 +81,6 @@ def test_every_stage_is_a_function_with_its_help_and_its_parameters():
 
 
 # ---- images in, tables out: drawn here, not by the laboratory --------------------------------------------------------
-def ball_film(rng, n=60, rate=500.0, noise=2.0):
-    """Frames (n, 64, 120) of a bright disc of 11 px on a parabola, a pixel the mean of 8 x 8 points; its path [px]."""
-    t = np.arange(n) / rate
-    x, y = 20.0 + 700.0 * t, 50.0 - 600.0 * t + 0.5 * 1.0e4 * t * t
-    rows, columns = (np.arange(8 * k).reshape(-1, 1) / 8 + 1 / 16 - 0.5 for k in (64, 120))
-    frames = []
-    for a, b in zip(x, y):
-        inside = (columns.T - a) ** 2 + (rows - b) ** 2 < 5.5**2
-        share = inside.reshape(64, 8, 120, 8).mean(axis=(1, 3))
-        frames.append(np.clip(40 + 150 * share + noise * rng.standard_normal(share.shape), 0, 255).astype(np.uint8))
-    return t, x, y, np.stack(frames)
-
-
-def test_a_ball_is_tracked_in_an_array(tmp_path, monkeypatch):
-    """rms of (found - true) / sigma within 0.8 to 1.25: 3 sigma of 240 numbers are 14 %, the drawing's points add."""
-    monkeypatch.chdir(tmp_path)
-    pulls, ends = [], []
-    for seed in range(2):
-        t, x, y, frames = ball_film(np.random.default_rng(seed))
-        d = jv.track(frames, frame_rate=500.0, scale=1e-4, diameter=11)
-        assert (d.flag == "").all() and list(tmp_path.iterdir()) == []
-        pulls += [(d.x_px - x) / d.sigma_px, (d.y_px - y) / d.sigma_px]
-        np.testing.assert_allclose(d.y_m, -1e-4 * d.y_px)
-        np.testing.assert_allclose(d.time_s, t)
-        free = slice(3, None, 7)  # windows of 7 frames that share none
-        ends += [(d.vx_m_s - 0.07)[free] / d.v_sigma_m_s[free], (d.ay_m_s2 + 1.0)[free] / d.a_sigma_m_s2[free]]
-    assert 0.8 < np.sqrt(np.mean(np.concatenate(pulls) ** 2)) < 1.25
-    assert 0.6 < np.sqrt(np.mean(np.concatenate(ends) ** 2)) < 1.45  # 36 numbers: 3 sigma are 35 %
-    pixels = jv.track(list(frames[:3]), diameter=11, window=3)
-    assert "x_m" not in pixels and pixels.vx_px_s.iloc[0] == pytest.approx(700 / 500, abs=0.05)
 
 
 def test_axes_exposure_and_a_centre_of_mass_in_arrays():
@@ -147,26 +117,6 @@ def test_axes_exposure_and_a_centre_of_mass_in_arrays():
     for found, true in ((whole.ax_m_s2, bend.real), (whole.ay_m_s2, bend.imag)):
         pull = ((found - true) / whole.a_sigma_m_s2)[good]
         assert np.sqrt(np.mean(pull**2)) == pytest.approx(1.0, abs=0.5)  # neighbours share their samples
-
-
-def test_a_pair_is_matched_as_arrays(tmp_path, monkeypatch):
-    """Random grains moved by a phase ramp, 1.37 px right and 0.61 px up, without noise: to 0.01 px."""
-    monkeypatch.chdir(tmp_path)
-    rng = np.random.default_rng(1)
-    f = np.fft.fftfreq(256)
-    grain = np.exp(-2.0 * (np.pi * 1.2) ** 2 * (f[:, None] ** 2 + f**2))
-    spectrum = np.fft.fft2(rng.standard_normal((256, 256))) * grain
-    a, b = (np.fft.ifft2(spectrum * np.exp(-2j * np.pi * k * (1.37 * f - 0.61 * f[:, None]))).real for k in (-0.5, 0.5))
-    size = 40.0 / a.std()
-    a, b = 128.0 + size * a, 128.0 + size * b
-    d = jv.piv(a, b)
-    assert list(tmp_path.iterdir()) == [] and d.u.dims == ("y", "x")
-    inner = d.isel(x=slice(2, -2), y=slice(2, -2))
-    assert abs(inner.u - 1.37).max() < 0.01 and abs(inner.v - 0.61).max() < 0.01
-    film = jv.piv(np.stack([a, b, a]), frame_rate=100.0, scale=1e-3, window=32)
-    assert film.sizes["t"] == 2 and film.t.values == pytest.approx([0.005, 0.015])
-    assert float(film.u[0].median()) == pytest.approx(0.137, abs=1e-3)
-    assert float(film.u[1].median()) == pytest.approx(-0.137, abs=1e-3)
 
 
 def test_the_height_of_a_bed_in_a_picture():

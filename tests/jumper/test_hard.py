@@ -198,18 +198,6 @@ def test_spline_of_a_sinusoid_converges_to_it():
     assert all(11 < a / b < 22 for a, b in itertools.pairwise(errors))  # fourth order: 16
 
 
-def test_map_is_the_jumps_it_is_made_of():
-    # hard_jump is checked above; the map stops by its own rule, so its numbers must be those of a long jump
-    f, ph = np.array([2.5, 4.0, 8.2, 12.0, 17.0]), np.linspace(0.1, 6.2, 7)
-    result = hard_map(f, ph, amplitude=A, cycles=1, **THESIS)
-    assert result["n_jumps"].shape == (5, 7) and result["n_jumps"].dtype == np.int64
-    for i, j in np.ndindex(5, 7):
-        jump = hard_jump(**THESIS, forcing=sinusoid(f[i], A, ph[j]), t=None, t_end=5.0)
-        want = [jump.com_height, jump.flight_height, jump.jump_height, jump.n_jumps]
-        want += [np.append(jump.lift_off, np.nan)[0], jump.peak_power_W, jump.peak_force_N, jump.peak_motor_speed]
-        np.testing.assert_allclose([v[i, j] for v in result.values()], want, rtol=1e-12, atol=1e-15)
-
-
 def test_thesis_robot():
     # docs/physics.md section 7, column RK4: to its last printed digit, frequencies to the step of its sweep
     ratio = np.arange(0.4, 1.9, 0.0005)

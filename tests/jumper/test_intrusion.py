@@ -75,7 +75,7 @@ def test_a_log_that_begins_in_contact_takes_its_depth_as_it_stands():
 
 def test_reintrusions_are_found_proportional_to_depth():
     moves = [m for z in np.arange(0.006, 0.058, 0.006) for m in (("to", z), ("to", -0.003))] + DOWN
-    r = fitted(moves, Grains(fluctuation=0.1))
+    r = fitted(moves, Grains(fluctuation=0.1), Arm(surface=0.003))
     b, fits = r.likelier.model.bins, r.fits
     assert b.event_kind == ("reintrusion",) * 9 and np.isnan(b.event_pause).all()
     assert b.event_depth == pytest.approx(np.arange(0.006, 0.058, 0.006), abs=1e-5)

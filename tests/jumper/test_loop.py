@@ -48,8 +48,7 @@ def test_robot_rests_without_sag_and_returns_to_the_command(ground):
 # The laboratory's own integrator puts limits and dry friction in after each fixed step, so that every event is up to
 # dt = 2.5 us late at rates of about 1 m/s: 2.5 um an event, some ten of which add up.
 @pytest.mark.parametrize(
-    "limits, F_c",
-    [({"stroke": 0.03}, 0.0), ({}, 8.0), ({"max_force": 45.0, "max_speed": 0.6, "stroke": 0.03}, 4.0)],
+    "limits, F_c", [({"stroke": 0.03}, 0.0), ({}, 8.0), ({"max_force": 45.0, "max_speed": 0.6, "stroke": 0.03}, 4.0)]
 )
 def test_limits_and_dry_friction_agree_with_the_laboratory(limits, F_c):
     law, terms = Law(6.0, 0.01875, 0.5 * math.pi, 0.05), samples.SAND_TERMS + ("coulomb_friction",) * (F_c > 0)

@@ -95,10 +95,7 @@ def test_equations_are_newtons_laws(model):
             assert m.m_f * rate["v_f"] == pytest.approx(-m.m_f * m.g - F_s + F_GM, abs=1e-8)
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["cone", "hard", "ideal", "rail, loop", *later("rft", "plain", "foot", "hard-rail")],
-)
+@pytest.mark.parametrize("name", ["cone", "hard", "ideal", "rail, loop", *later("rft", "plain", "foot", "hard-rail")])
 def test_the_plan_jumps_to_its_apex(name):
     """Target 40 mm: the simulator, which locates the events, lands within 0.1 mm; every limit is kept on the way."""
     model = {"cone": CONE, "rft": RFT, "plain": PLAIN, "hard": THESIS, "foot": rigid(CONE), "ideal": CONE,
@@ -262,23 +259,6 @@ def test_bad_calls_are_named(tmp_path, capsys):
         Planner(with_term(CONE, "motor_lag"), LOOP, LIMITS)
 
 
-def test_the_command_writes_its_files(tmp_path, capsys):
-    call = ["plan", "--apex", "0.03", "--ground", "granular", "--set", "motor.kp=30000", "--json"]
-    assert main([*call, "--results", str(tmp_path)]) == 0
-    told = json.loads(capsys.readouterr().out)
-    data = json.loads((tmp_path / "plan.json").read_text())
-    assert told["status"] == data["status"] == "solved"
-    assert data["resimulated_apex_m"] == pytest.approx(0.03, abs=TOLERANCE)
-    table = pd.read_csv(tmp_path / "plan.csv")
-    assert list(table.columns) == ["time_s", "command_m"]
-    np.testing.assert_allclose(np.diff(table.time_s), 1e-3, rtol=1e-9)
-    assert table.command_m.iloc[0] == 0.0 and abs(table.command_m.iloc[-1]) < 1e-8
-    assert (tmp_path / "plan.png").stat().st_size > 20_000
-    assert len(told["files"]) == len(list(tmp_path.iterdir())) == 3
-    if checker := os.environ.get("JUMPVISION_CONTRACT_CHECK"):
-        subprocess.run([sys.executable, checker, str(tmp_path)], check=True)
-
-
 def recorded_by_the_laboratory(folder, plan_csv, s_p):
     """A jump of the laboratory that played a table of a plan on sand which answers a pause: its track and motor log."""
     command = Samples(pd.read_csv(plan_csv).command_m.to_numpy(), 1000.0, 0.25)
@@ -317,7 +297,7 @@ def test_the_jump_that_played_a_plan_stands_beside_it_with_its_overshoot(tmp_pat
     assert main([*call, "--recorded", str(tmp_path / "plan")]) == 2
 
 
-def test_an_experiment_and_a_model_file_give_the_robot(tmp_path, capsys):
+def test_an_experiment_and_a_model_file_give_the_robot_of_the_plan_that_is_written(tmp_path, capsys):
     folder = tmp_path / "e"
     folder.mkdir()
     (folder / "experiment.toml").write_text(
@@ -328,10 +308,18 @@ def test_an_experiment_and_a_model_file_give_the_robot(tmp_path, capsys):
     (tmp_path / "model.toml").write_text(
         '[model]\nterms = ["linear_penetration", "inertial_drag"]\nk = 2000.0\nalpha = 70.0\n[model.sigma]\nk = 50.0\n'
     )
-    call = ["plan", "--apex", "0.03", "--ground", "granular", "--experiment", str(folder), "--no-pictures"]
-    assert main([*call, "--model", str(tmp_path / "model.toml"), "--results", str(tmp_path / "out")]) == 0
-    data = json.loads((tmp_path / "out" / "plan.json").read_text())
-    assert data["limits"] == {"stroke": 0.05}
-    assert 1e-5 < data["apex_spread_m"] < 5e-3
+    call = ["plan", "--apex", "0.03", "--ground", "granular", "--experiment", str(folder), "--set", "motor.kp=30000"]
+    out = tmp_path / "out"
+    assert main([*call, "--model", str(tmp_path / "model.toml"), "--results", str(out), "--json"]) == 0
+    told, data = json.loads(capsys.readouterr().out), json.loads((out / "plan.json").read_text())
+    assert data["limits"] == {"stroke": 0.05} and told["status"] == data["status"] == "solved"
+    assert 1e-5 < data["apex_spread_m"] < 5e-3 and data["resimulated_apex_m"] == pytest.approx(0.03, abs=TOLERANCE)
+    table = pd.read_csv(out / "plan.csv")
+    assert list(table.columns) == ["time_s", "command_m"]
+    np.testing.assert_allclose(np.diff(table.time_s), 1e-3, rtol=1e-9)
+    assert table.command_m.iloc[0] == 0.0 and abs(table.command_m.iloc[-1]) < 1e-8
+    assert (out / "plan.png").stat().st_size > 20_000 and len(told["files"]) == len(list(out.iterdir())) == 3
+    if checker := os.environ.get("JUMPVISION_CONTRACT_CHECK"):
+        subprocess.run([sys.executable, checker, str(out)], check=True)
     assert main(["plan", "--apex", "0.03", "--ground", "hard", "--experiment", str(folder)]) == 2
     assert "ground = 'granular'" in capsys.readouterr().err

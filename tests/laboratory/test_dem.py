@@ -16,7 +16,14 @@ from jumpvision.laboratory import discs
 from jumpvision.laboratory.discs import check_bed, push_foot
 
 SIZE = {"foot": 0.008, "half_width": 0.02, "depth": 0.03, "stroke": 0.003}
-SMALL = [w for n, v in SIZE.items() for w in ("--" + n.replace("_", "-"), str(v))]
+LITTLE = {"foot": 0.006, "half_width": 0.012, "depth": 0.018, "stroke": 0.003}
+
+
+def words_of(size):
+    return [w for n, v in size.items() for w in ("--" + n.replace("_", "-"), str(v))]
+
+
+SMALL = words_of(SIZE)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -51,7 +58,7 @@ def test_a_carpet_stops_a_disc_as_dry_friction_does():
 
 
 def test_the_floor_carries_the_weight_and_the_foot_meets_more_the_deeper_it_goes():
-    bed = check_bed(SIZE | {"fraction": 0.8, "carpet": 0.0, "friction": 0.5, "gravity": 9.81})
+    bed = check_bed(LITTLE | {"fraction": 0.8, "carpet": 0.0, "friction": 0.5, "gravity": 9.81})
     still = push_foot(0, bed, (np.linspace(0.0, 0.01, 11), np.zeros(11)))
     weight = float(still.mass.sum()) * 9.81
     assert float(still.floor_force[1:].mean()) == pytest.approx(weight, rel=0.01)
@@ -91,7 +98,7 @@ def test_a_hexagonal_lattice_makes_the_triangle_of_sixty_degrees(tmp_path):
 
 
 def test_random_beds_scatter_and_are_the_same_again(tmp_path):
-    args = ["dem", "--fraction", "0.6", "--friction", "0.5", *SMALL, "--beds", "2"]
+    args = ["dem", "--fraction", "0.6", "--friction", "0.5", *words_of(LITTLE), "--beds", "2"]
     for name, workers in (("a", "2"), ("b", "1")):
         assert main([*args, "--workers", workers, "--results", str(tmp_path / name)]) == 0
     a, b = (json.loads((tmp_path / n / "dem.json").read_text())["numbers"] for n in "ab")

@@ -53,47 +53,10 @@ def test_same_seed_same_campaign_and_a_lag_hides_the_encoder():
     assert blind.campaign(shorter(blind.draw(rng(10), hidden=("payload",)), 23), rng(1))[0].motor is not None
 
 
-def test_impossible_draws_are_refused():
-    with pytest.raises(ValueError, match="does not act on hard ground"):
-        blind.draw(rng(), ground="hard", hidden=("added_mass",))
-    with pytest.raises(ValueError, match="cannot act together"):
-        blind.draw(rng(), hidden=("two_resistance", "rft_cone"))
-
-
 # ------------------------------------------------------------------------------------------------------------ the game
 def diagnosis(verdict="discrepant", named=(), twins=(), causes=(), status="complete") -> dict:
     return {"verdict": verdict, "named": list(named), "indistinguishable": [list(t) for t in twins],
             "causes": list(causes), "status": status}  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("found", "hidden", "outcome"),
-    [
-        (diagnosis("adequate"), (), "right"),
-        (diagnosis(), (), "false alarm"),
-        (diagnosis("adequate"), ("tilt",), "missed"),
-        (diagnosis(named=["tilt"]), ("tilt",), "right"),
-        (diagnosis(named=["payload"]), ("tilt",), "wrong"),
-        (diagnosis(named=["camera_scale"], twins=[["tilt", "camera_scale"]]), ("tilt",), "twin"),
-        (diagnosis(named=["tilt"]), ("tilt", "payload"), "partly"),
-        (diagnosis(named=["tilt", "payload"]), ("payload",), "wrong"),
-        (diagnosis(status="undetermined"), ("depth_rate_drag",), "right"),
-        (diagnosis(named=["inertial_drag"]), ("depth_rate_drag",), "wrong"),
-    ],
-)
-def test_scores(found, hidden, outcome):
-    assert game.score(found, hidden, {})["outcome"] == outcome
-
-
-def test_score_of_parameters():
-    cause = {"mechanism": "tilt", "parameters": {"dg": {"value": 0.21, "low": 0.18, "high": 0.24, "unit": "m/s^2"}}}
-    found = diagnosis(named=["tilt"], causes=[cause])
-    told = game.score(found, ("tilt",), {"dg": 0.2})
-    assert told["error of dg"] == pytest.approx(0.01)
-    assert told["interval of dg covers"] is True
-    cause["parameters"]["dg"]["high"] = cause["parameters"]["dg"]["low"] + 0.01
-    assert game.score(found, ("tilt",), {"dg": 0.2})["interval of dg covers"] is False
-    assert "error of dg" not in game.score(found, ("payload",), {"dg": 0.2})
 
 
 def test_the_game_on_disk(tmp_path, monkeypatch, capsys):

@@ -15,7 +15,6 @@ from shared import ROOT
 from jumpvision.base.schema import InputError
 from jumpvision.experiment.inputs.experiment import open_campaign, open_experiment
 from jumpvision.films.frames.opening import open_frames
-from jumpvision.laboratory import write
 from jumpvision.laboratory.campaign import write_campaign
 from jumpvision.laboratory.films.optics import Camera, Lens, seen_places
 from jumpvision.laboratory.films.rod import balls
@@ -90,19 +89,6 @@ def test_the_same_seed_gives_the_same_files_and_nothing_is_written_over(made, tm
     assert digest(made) == whole
 
 
-def test_what_cannot_be_made_is_refused(tmp_path):
-    with pytest.raises(ValueError, match="record longer"):
-        replace(SMALL, duration=0.2)
-    with pytest.raises(ValueError, match="8, 12 or 16"):
-        Camera(bits=10)
-    for wrong, words in (
-        (replace(FEW, terms=("two_resistance", "tilt")), "'tilt' needs dg"),
-        (replace(FEW, robot=SAND_ROBOT._replace(foot_mass=0.0)), "foot_mass = 0"),
-    ):
-        with pytest.raises(ValueError, match=words):
-            write_campaign(tmp_path / words, wrong, seed=1)
-
-
 def filmed(tmp_path: Path, camera: Camera, file: str = "rod.avi") -> tuple[Path, dict]:
     write_campaign(tmp_path / "film", replace(FEW, records=Records(rod_film=RodFilm(file)), camera=camera), seed=7)
     folder = tmp_path / "film" / "single-8Hz-1"
@@ -113,13 +99,6 @@ def stack(folder: Path, rate: float | None = 200.0):
     section = open_experiment(folder).sections["rod_video"]
     film = open_frames(section.path, frame_rate=rate)
     return np.stack(list(film)), film
-
-
-def test_unwritable_films_are_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"\.mraw"):
-        write.movie(tmp_path / "rod.mp4", np.zeros((2, 4, 4), np.uint8), rate=200.0)
-    with pytest.raises(ValueError, match="even number"):
-        write.mraw(tmp_path / "rod.mraw", np.zeros((1, 3, 5), np.uint16), rate=200.0, bits=12)
 
 
 def test_dropped_frames_clock_and_scale_of_a_protocol(tmp_path):
@@ -177,6 +156,7 @@ def test_noise_of_deeper_pixels(bits, step):
     assert (image * step).var() == pytest.approx(90 / 45 + 0.25 + step**2 / 12, rel=0.02)
 
 
+@pytest.mark.long
 def test_the_examples_of_the_documentation(tmp_path, monkeypatch):
     """Each runs as it stands, after those before it; the first writes its campaign."""
     page = (ROOT / "docs" / "laboratory.md").read_text(encoding="utf-8")

@@ -14,7 +14,7 @@ from jumpvision.experiment.campaign.folder import jumps_table, write_jumps
 from jumpvision.experiment.results import fields
 from jumpvision.films.vision.piv.pair import MASKED, REASONS
 from jumpvision.report.catalogue import available
-from jumpvision.report.figures.flows import worst_and_shares
+from jumpvision.report.figures.flows import Map, draw_maps, worst_and_shares
 from jumpvision.report.figures.grains import band, busiest
 from jumpvision.report.style import MEASURED, printed, save
 from jumpvision.sweeps.figures import of_folder
@@ -95,7 +95,8 @@ def test_heights_and_tracks_hold_the_tables(results, drawn):
 def test_the_grains_hold_the_fields(drawn):
     figures, _ = drawn
     axis = figures["grain-momentum"].axes[0]
-    np.testing.assert_allclose(axis.lines[0].get_ydata(), 0.4 * 5.0 * np.arange(12))  # g m/s
+    # g m/s over ms from where it exceeds 5 % of its peak, the second of the times
+    np.testing.assert_allclose(axis.lines[0].get_data(), [2.0 * np.arange(12) - 2.0, 0.4 * 5.0 * np.arange(12)])
     meshes = [m for a in figures["grain-speed"].axes for m in a.collections if m.get_array() is not None]
     np.testing.assert_allclose(meshes[0].get_array(), 0.3 / 0.4)  # of the foot's speed, downwards
     axis = figures["added-mass"].axes[0]
@@ -103,6 +104,18 @@ def test_the_grains_hold_the_fields(drawn):
     assert axis.lines[-1].get_ydata()[0] == 0.0
     # eq. (33) as the fit states it: dm/dz at the surface is the slope, 2 kg/m
     assert axis.lines[-1].get_ydata()[1] * 1e-3 / z[1] == pytest.approx(2.0, rel=0.02)
+
+
+@pytest.mark.parametrize("unit, factor, shown", [("m", 1e3, "mm"), ("px", 1.0, "px")])
+def test_axes_of_maps_say_the_unit_of_their_numbers(unit, factor, shown):
+    x, y, shape = np.linspace(0.1, 0.4, 6), np.linspace(0.0, 0.2, 5), (5, 6)
+    data = xr.Dataset({k: (("y", "x"), np.ones(shape)) for k in "uv"}, coords={"x": x, "y": y})
+    with printed() as Figure:
+        figure = Figure(figsize=(4, 4))
+        draw_maps(figure, (2, 2), data, unit, [Map("speed", np.ones(shape), "magma")] * 4, "")
+    top, _, low, _ = figure.axes[:4]
+    assert (low.get_xlabel(), top.get_ylabel()) == (f"x [{shown}]", f"y [{shown}] (up)")
+    assert top.get_xlim() == pytest.approx((0.1 * factor, 0.4 * factor)) and top.get_ylim()[1] == 0.2 * factor
 
 
 def test_of_a_long_field_a_part_of_the_times_is_read_at_once(monkeypatch):

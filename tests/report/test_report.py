@@ -212,12 +212,14 @@ def test_fits_stand_in_words_units_and_digits():
 
 
 def test_a_campaigns_sentence_says_on_which_side_the_model_lies():
-    """3 mm above the measured heights at every jump, then 2 mm below them."""
+    """3 mm above the measured heights at every jump, then 2 mm below them; one without a height comes first."""
     for off, said in ((3e-3, "the model is 3 mm higher on average"), (-2e-3, "the model is 2 mm lower on average")):
         jumps = [Summary("", jump_height=Uncertain(h, 1e-5), simulated_height=h + off) for h in (0.030, 0.035, 0.041)]
-        rows = [JumpRow(str(k), kind="single", summary=jumped) for k, jumped in enumerate(jumps)]
+        lost = Summary("", jump_height=Uncertain(math.nan, math.nan))
+        rows = [JumpRow(str(k), kind="single", summary=jumped) for k, jumped in enumerate([lost, *jumps])]
         text, facts = campaign_words(rows, None, None, 0)
-        assert said in text and facts[-1] == (f"{1e3 * abs(off):.3g}", "mm", "model against measured, rms")
+        assert said in text and facts[0] == ("41", "mm", "highest jump: 3")
+        assert facts[-1] == (f"{1e3 * abs(off):.3g}", "mm", "model against measured, rms")
 
 
 def test_a_pages_units_are_those_of_the_files_times_their_factors():

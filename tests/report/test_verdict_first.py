@@ -32,18 +32,16 @@ class Watching:
         self.told.append((made, sum(o.undrawn for o in run.outcomes), (self.results / "jumps.csv").exists()))
 
 
-def ran(campaign, results, workers=1):
+def ran(campaign, results):
     watcher = Watching(results)
     plan = Plan(results, results / ".cache", pictures=PICTURES)
-    run = run_folder(
-        open_folder(campaign), plan, workers=workers, watcher=watcher, draw=lambda *_: b"", say=lambda _: None
-    )
+    run = run_folder(open_folder(campaign), plan, workers=1, watcher=watcher, draw=lambda *_: b"", say=lambda _: None)
     return run, watcher
 
 
-def test_all_numbers_are_told_before_a_picture_is_drawn(tmp_path, workers=2):
+def test_all_numbers_are_told_before_a_picture_is_drawn(tmp_path):
     campaign, results = write_campaign(tmp_path / "campaign", 2), tmp_path / "results"
-    run, watcher = ran(campaign, results, workers=workers)
+    run, watcher = ran(campaign, results)
     [(made, undrawn, table)] = watcher.told
     assert ".csv" in made and ".png" not in made and undrawn == 2 and table
     assert len(watcher.ended) == 2  # each told once, not with its pictures again
@@ -52,7 +50,7 @@ def test_all_numbers_are_told_before_a_picture_is_drawn(tmp_path, workers=2):
         assert (o.results / "jump.png").exists() and not o.errors and not o.undrawn
         assert {s.stage: s.state for s in o.steps}["rod"] == "computed"
     before = results_of(results)
-    again, watcher = ran(campaign, results, workers=workers)
+    again, watcher = ran(campaign, results)
     assert watcher.told[0][1] == 0 and not any(o.computed for o in again.outcomes)
     assert results_of(results) == before
 

@@ -66,10 +66,7 @@ class Hand:
 
     def __init__(self, page, server: Server) -> None:
         self.page, self.server, self.clicks, self.said = page, server, 0, []
-        self.key, self.label = (
-            page.keyboard.press,
-            lambda text: page.get_by_label(text, exact=True).filter(visible=True),
-        )
+        self.key = page.keyboard.press
         page.on("console", lambda m: self.said.append(m.text))
         page.on("pageerror", lambda e: self.said.append(str(e)))
         page.goto(server.address)
