@@ -43,6 +43,7 @@ KINDS: Mapping[str, str] = {
     "place": "marks, feet or floors outside the picture, or off their places",
     "name": "a folder that is named after another jump",
     "walls": "a bed too small for its foot",
+    "reading": "values that are no readings: held, clipped, leaping, turned over",
     "frames": "frames, columns or partners that are lost or damaged",
     "light": "saturated light",
     "exposure": "motion during an exposure",

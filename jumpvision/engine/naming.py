@@ -14,12 +14,13 @@ from .detect import Detection, Span
 from .document.values import Status
 from .fitting import Fit, Problem
 from .search import Enough, Key, Search, Start, limits, log_prior
-from .system import by_condition
+from .system import System, by_condition
 
 CONFIDENCE = 0.9  # of the set of models that is kept
 # Of what a mechanism alone explains: more may not be left where it is named though misfit is left. Substitutes left 3 %
 # and more in the laboratory's campaigns with effects outside the vocabulary (`benchmarks.causes laws`).
 ESTABLISHED = 0.03
+ONCE = 1.01  # of what a covariance is by its own slopes, beyond which it has been widened
 SHARE = 1 / 3  # of a named effect: a mechanism that may make so much of it is declared beside it
 CLEAR = 3.0  # standard uncertainties that a pattern's own coefficients must be off, beside a common value
 TWIN = 50.0  # of chi^2: what an exchange would cost, linear, is judged by a fit if it is less
@@ -107,7 +108,7 @@ def name(
     test = search.test(stated)
     left = left_of(problem, search.fits[stated], test.score)
     share = 0.0 if passing else left / max(left_of(problem, base, found.score), left)
-    fit, wider = (search.fits[stated], 1.0) if passing else widened(problem, search.fits[stated])
+    fit, wider = (search.fits[stated], 1.0) if passing else widened(problem.system, search.fits[stated])
     dispersion = max(search.test(likeliest).chi2_per_dof, 1.0) if not passing else 1.0
     explanations, probabilities = weighed(search, likeliest, 1.0 / dispersion)
     tried = tuple(replace(e, fit=fit) if frozenset(e.mechanisms) == stated else e for e in explanations)
@@ -356,18 +357,22 @@ def left_of(problem: Problem, fit: Fit, scores: Array) -> float:
     return max(fit.chi2 - problem.n, top * top, 0.0)
 
 
-def widened(problem: Problem, fit: Fit) -> tuple[Fit, float]:
-    """(the fit with its covariance widened for misfit that it leaves, median factor on its standard uncertainties).
+def widened(system: System, fit: Fit) -> tuple[Fit, float]:
+    """(the fit with its covariance widened for misfit that it leaves, median factor on its standard uncertainties); a
+    fit that is as wide already is left.
 
     A discrepancy is as large, along what the parameters do, as along any other of the few directions in which the
     residuals of one kind of motion vary: their excess of chi^2 is shared out over the participation ratio of the
     spectrum of their course in time, which is 1 where all motions of a kind are wrong alike.
     """
-    observations = problem.system.observations
+    observations = system.observations
     kinds: dict[str, list[int]] = {}
     for i, o in enumerate(observations):
         kinds.setdefault(str(o.labels.get("kind")), []).append(i)
     inner = fit.known.precision.astype(float)
+    own = inner + sum(j.T @ j for j in fit.jacobian)
+    if np.trace(fit.covariance @ own) > ONCE * max(len(fit.parameters), 1):
+        return fit, 1.0
     for mine in kinds.values():
         excess = sum(float(fit.residuals[i] @ fit.residuals[i]) - observations[i].t.size + 1 for i in mine)
         course = np.stack([_course(fit.residuals[i]) for i in mine])

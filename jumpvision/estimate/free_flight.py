@@ -6,10 +6,12 @@ import math
 import warnings
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from .flight import restitution
 from .flight.table import as_table, columns_of, found_in
+from .readings import looked
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -44,8 +46,13 @@ def flights(
     Example: jv.flights(jv.track(frames, frame_rate=500, scale=2e-4, origin=(320, 460)))
     """
 
-    given = columns_of(table) if height_m is None else (table, height_m, sigma_m)
-    found = found_in(*given, gravity=gravity, shortest=shortest, max_gap=max_gap)
+    given: tuple[Any, Any, Any] = columns_of(table) if height_m is None else (table, height_m, sigma_m)
+    t, h, sigma = given[0], np.asarray(given[1], float), given[2]
+    if h.ndim == 1 and np.shape(t) == h.shape:
+        seen = looked("flights", height_m=h)
+        sigma = np.asarray(sigma, float)[seen.kept] if np.shape(sigma) == h.shape else sigma
+        t, h = np.asarray(t, float)[seen.kept], seen.columns["height_m"]
+    found = found_in(t, h, sigma, gravity=gravity, shortest=shortest, max_gap=max_gap)
     for doubt in found.doubts:
         warnings.warn(doubt, stacklevel=2)
     out, e = as_table(found, gravity), restitution(found, after=-math.inf)

@@ -21,6 +21,8 @@ if TYPE_CHECKING:  # the flights are loaded where a height is asked for, not wit
 
 NAN = float("nan")
 ALLOWED = 0.01  # chance that a window wholly on the parabola fails the chi2 test
+LOST = 3.5  # intervals between samples: a longer one is a gap
+HIGHER = 0.02  # of a height, by which a top in a gap must be higher: the speeds beside it are as good as that
 SMALLEST = 5  # samples of the smallest window around the maximum
 PRICE = 9.0  # twice the log likelihood by which noise must be the likelier one as a correlated one: three sigma
 Stretch: TypeAlias = "tuple[Piece, Array]"  # samples, and the columns that span their course
@@ -42,6 +44,7 @@ class JumpHeight:
     n: int
     chi2: float
     reason: str = ""
+    gap: float = 0.0  # s, of the track, in which the top is
 
 
 def at_rest(t: ArrayLike, until: float) -> NDArray[np.bool_]:
@@ -100,6 +103,10 @@ def jump_height(
     else:
         reason = "" if math.isfinite(rest.value) else f"no rest height: {rest.reason}"
     value, spread, when, n, chi2, rho = apex
+    hidden, lost = top_in_gap(t[after], h[after])
+    if hidden - value > max(5.0 * spread, HIGHER * (value - rest.value)):
+        said = f"the track has a gap of {lost:.3g} s, in which it rises to about {hidden - rest.value:.3g} m"
+        value, spread, when, reason = NAN, NAN, NAN, f"{said} above rest: is the top of the jump in the picture?"
     up, up_spread = rise[:2] if rise is not None else (NAN, NAN)
     rest_sigma = rest.sigma * math.sqrt((1.0 + rho) / (1.0 - rho))
     return JumpHeight(
@@ -111,7 +118,28 @@ def jump_height(
         n,
         chi2,
         reason,
+        0.0 if math.isfinite(value) else lost,
     )
+
+
+def top_in_gap(t: Array, h: Array) -> tuple[float, float]:
+    """(greatest height that the motion on both sides of a gap in the track t, h (n,) makes in it, the gap [s]).
+
+    The cubic with height and speed of both sides is free flight's own parabola.
+    """
+    steps = np.diff(t)
+    found = (-math.inf, 0.0)
+    for k in np.flatnonzero(steps > LOST * np.median(steps)) if t.size > 2 * SMALLEST else ():
+        sides = slice(max(k + 1 - SMALLEST, 0), k + 1), slice(k + 1, k + 1 + SMALLEST)
+        if any(t[s].size < SMALLEST or np.ptp(t[s]) > 2.0 * SMALLEST * np.median(steps) for s in sides):
+            continue
+        ends = t[k], t[k + 1]
+        lines = [np.polynomial.Polynomial.fit(t[s], h[s], 2) for s in sides]
+        course = scipy.interpolate.CubicHermiteSpline(
+            ends, [p(at) for p, at in zip(lines, ends)], [p.deriv()(at) for p, at in zip(lines, ends)]
+        )
+        found = max(found, (float(course(np.linspace(*ends, 101)).max()), float(steps[k])))
+    return found
 
 
 def curve_height(t: Array, h: Array, after: float) -> float:

@@ -15,6 +15,7 @@ from jumpvision.base.schema import StageWarning
 
 from .decay import LAWS, MISFIT, decay_law
 from .estimate import Estimate, checked, table_of
+from .readings import looked
 from .ringdown import ring_down
 
 NAN = math.nan
@@ -32,6 +33,10 @@ def ringdown(time_s: ArrayLike, x: ArrayLike, sigma: ArrayLike | None = None) ->
     Example: jv.ringdown(time_s, height_m).loc["zeta", ["value", "sigma"]]
     """
     t, y = checked("ringdown", time_s=time_s, x=x)
+    seen = looked("ringdown", x=y)
+    if sigma is not None:
+        sigma = np.broadcast_to(np.asarray(sigma, float), t.shape)[seen.kept]
+    t, y = t[seen.kept], seen.columns["x"]
     if sigma is None:  # third differences of white noise have 20 times its variance
         bends = np.diff(y[np.isfinite(y)], 3)
         sigma = float(np.sqrt(np.mean(bends**2) / 20.0)) if bends.size else NAN

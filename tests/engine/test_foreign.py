@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -258,3 +259,38 @@ def test_a_march_that_shows_at_shifted_times_alone_enters_the_noise():
     assert own == pytest.approx(9.7 * float(np.sqrt(np.mean(t**2))) * MARCH / math.sqrt(12), rel=0.2)
     plain = asked(lambda p, r: 0.5 * p["g"] * r.t**2)
     assert not plain.doubts and "the simulator" not in plain.noise.sources
+
+
+def turning(p, recording):
+    """A pendulum that turns over: its angle, leapfrog of 5 ms."""
+    angle, rate, out = recording.inputs["start"], recording.inputs["rate"], []
+    for _ in recording.t:
+        out.append(angle)
+        for _ in range(4):
+            angle += 2.5e-3 * rate
+            rate -= 5e-3 * p["W"] * math.sin(angle)
+            angle += 2.5e-3 * rate
+    return np.array(out)
+
+
+@pytest.mark.parametrize("fault", ["wrapped", "another motion"])
+def test_an_angle_wrapped_at_pi_and_a_model_that_misses(fault):
+    """Turns are undone, and told; a misfit of 80 noises without a cause widens the interval until it holds W = 50."""
+    rng, t, made = np.random.default_rng(0), np.arange(0.0, 2.0, 0.02), []
+    for k in range(3):
+        inputs = {"start": 0.3 + 0.2 * k, "rate": 17.0 + k}
+        y = turning({"W": 50.0}, jv.Recording("", t, t, inputs)) + rng.normal(0.0, 2e-3, t.size)
+        other = (y + math.pi) % (2.0 * math.pi) - math.pi if fault == "wrapped" else y + 0.2 * t * np.sin(5.0 * t + k)
+        made.append(jv.Recording(f"turn {k}", t, other, inputs))
+    study = jv.Study(
+        turning,
+        [jv.Parameter("W", 48.0, range=(30, 90), unit="1/s^2")],
+        [],
+        [jv.Channel("angle", "rad", noise=2e-3)],
+    )
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        fitted = jv.diagnose(made, study).values["fitted"]["W"]
+    assert sum("it is undone" in str(w.message) for w in said) == (3 if fault == "wrapped" else 0)
+    assert fitted["low"] < 50.0 < fitted["high"]
+    assert (fitted["high"] - fitted["low"] < 0.01) == (fault == "wrapped")

@@ -223,3 +223,20 @@ def test_pairs_tracks_series_and_channels_are_what_they_are(tmp_path):
     read = read_log(log, "time_s", "height_m")
     np.testing.assert_allclose(read.time_s, 0.04 * np.arange(9))
     np.testing.assert_allclose(read.height_m, 10 * np.arange(9) - np.arange(9.0) ** 2)
+
+
+def test_what_is_chosen_in_a_film_that_is_not_there_is_asked_about(tmp_path, capsys):
+    """Marks in the rod's film of a folder that has a film of grains alone; a ground that nothing tells is left open."""
+    folder = tmp_path / "jump"
+    folder.mkdir()
+    shutil.copy(FILM / "grains.mkv", folder)
+    marks = ["--marks", "10,10,200,10", "--distance-mm", "50"]
+    assert main(["init", str(folder), *marks]) != 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert "marks, distance given for [rod_video]" in said and "grains.mkv as [grain_video]" in said
+    assert main(["init", str(folder), *marks, "--marks-in", "grain"]) == 0
+    assert "scale" in toml(folder)["grain_video"]
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    shutil.copy(SAMPLES / "hard_ground" / "motor.csv", logs)
+    assert main(["init", str(logs)]) == 0 and "ground" not in toml(logs)

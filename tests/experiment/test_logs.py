@@ -150,7 +150,7 @@ def test_a_spring_in_mat(tmp_path):
     force = 3300.0 * x + rng.normal(0.0, 0.05, x.size)
     file = write(tmp_path / "spring.mat", {"test.u": 1e3 * x, "test.f": force})
     called = {"displacement_m": "test.u [mm]", "force_N": "test.f"}
-    k = spring(SpringLog(file.name, file, columns=called), None).values["fits"]["spring_stiffness"]
+    k = spring(SpringLog(file.name, file, columns=called)).values["fits"]["spring_stiffness"]
     assert abs(k["value"] - 3300.0) < 4.0 * k["sigma"] < 0.01 * 3300.0
 
 

@@ -58,13 +58,13 @@ ODD = {  # what is wrong: what is said
     "grams": (toml("motor_mass = 1.0", "motor_mass = 1003"), ("motor_mass = 1003 kg", "grams", "1.003")),
     "newtons a millimetre": (toml("5000.0", "5.0"), ("spring_stiffness = 5 N/m", "2.35 m", "N/mm", "5000")),
     "start in milliseconds": (toml("start = 0.05", "start = 200"), ("[actuation] lasts from 200", "never meet")),
-    "a log in millimetres": (scaled_log(1, 1e3), ("position_m moves by 8 m", "1e+03 times", "mm")),
-    "a log of a thousandth": (scaled_log(1, 1e-3), ("position_m moves by 8e-06 m",)),
+    "a log in millimetres": (scaled_log(1, 1e3), ("[motor_log] gives 4 m", "1e+03 times", "mm")),
+    "a log of a thousandth": (scaled_log(1, 1e-3), ("[motor_log] gives 4e-06 m",)),
     "a log in milliseconds": (scaled_log(0, 1e3), ("[motor_log] moves from about 69 s", "start = 0.05", "in ms")),
     "a log of another clock": (late_log, ("[motor_log] moves from about 0.1", "start = 0.05", "common clock")),
     "another jump's amplitude": (
         toml("amplitude = 0.004", "amplitude = 0.04"),
-        ("moves by 0.008 m", "this experiment"),
+        ("[motor_log] gives 0.004 m", "this experiment"),
     ),
     "a mark outside": (toml("[robot]", MARKS), ("mark 2 = 400, 80", "48 x 90", "outside")),
     "a ball in millimetres": (toml("scale = 5e-4", "scale = 5e-7"), ("1.9e+04 px", "mm")),
@@ -143,3 +143,15 @@ def test_times_in_ms_are_said_by_check_and_run_and_neither_fails(tmp_path, capsy
         assert text.removeprefix("warning: jump: ") in ran
     fits = json.loads((tmp_path / "results" / "jump" / "fits.json").read_text())
     assert "are its times in ms?" in fits["actuator_ratio"]["reason"]
+
+
+def test_what_a_run_refuses_in_a_log_or_a_field_check_refuses(folder):
+    """A force that is no number, and a field that is none."""
+    rows = (folder / "motor.csv").read_text().splitlines()
+    told = [r + (",force_N" if i == 0 else ",nan" if i == 7 else ",1.0") for i, r in enumerate(rows)]
+    (folder / "motor.csv").write_text("\n".join(told) + "\n")
+    (folder / "field.nc").write_bytes(b"no field")
+    with (folder / "experiment.toml").open("a") as file:
+        file.write('\n[piv_field]\nfile = "field.nc"\n')
+    problems, _ = preflight(open_experiment(folder))
+    assert any("row 7, force_N = 'nan'" in p for p in problems) and any("field.nc" in p for p in problems)

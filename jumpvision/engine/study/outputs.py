@@ -30,7 +30,7 @@ def output_errors(problem: Problem, fits: list[Fit]) -> tuple[list[record.Simula
         if best is None:
             continue
         after = rms_by_channel(system, best)
-        parameters = intervals(best, list(best.named))
+        parameters = intervals(system, best, list(best.named))
         n = max(problem.n - len(best.parameters), 1)
         out.append(record.Simulated(best.mechanisms, record.ByFit.OUTPUT_ERROR, best.chi2 / n, after, parameters))
         far = [c for c in before if before[c] > FURTHER * after[c]]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jumpvision.base.schema import InputError
+from jumpvision.base.schema import InputError, StageWarning
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.document import LOOSE, document
 from jumpvision.engine.document.values import Doubt, Prediction, Simulated, Status
@@ -19,6 +20,7 @@ from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.order import Findings, Order, fit_baseline, silent
 from jumpvision.engine.system import patterns_of
 from jumpvision.engine.worth.gain import best_at_prediction, held_out_error
+from jumpvision.estimate.readings import readings
 
 from .learn import learn_readings
 from .probe import probe
@@ -80,7 +82,8 @@ def diagnose(recordings: Sequence[Recording], study: Study | None, how: How | No
     if problems := recordings_problems(recordings):
         raise InputError(problems)
     study = described(how.source, recordings) if study is None else study
-    runs = Runs(study, [*recordings, *_unmade(study, recordings)], how)
+    recordings, turned = as_read(study, recordings)
+    runs = Runs(study, [*recordings, *_unmade(study, recordings)], how, turned)
     try:
         system = studied(study, recordings, runs)
         begun, steps = time.perf_counter(), list[tuple[str, int, float]]()
@@ -105,6 +108,23 @@ def diagnose(recordings: Sequence[Recording], study: Study | None, how: How | No
         return data
     finally:
         runs.close()
+
+
+def as_read(study: Study, recordings: Sequence[Recording]) -> tuple[list[Recording], frozenset[int]]:
+    """The recordings with NaN where a channel holds no reading and turns undone, which is told; the turned channels."""
+    out, turned = [], set[int]()
+    for r in recordings:
+        y = r.of_channels(r.values, study.channels).copy()
+        for k, c in enumerate(study.channels):
+            seen = readings(y[:, k])
+            if not np.array_equal(seen.values, y[:, k], equal_nan=True):
+                turned.add(k)
+            y[:, k] = np.where(seen.kept, seen.values, math.nan)
+            for d in seen.doubts:
+                said = f"recording {r.name!r}: {c.name} {d.text}"
+                warnings.warn(StageWarning("reading", said, "", d.values), stacklevel=3)
+        out.append(replace(r, values=y))
+    return out, frozenset(turned)
 
 
 def studied(study: Study, recordings: Sequence[Recording], runs: Runs) -> Studied:
@@ -170,7 +190,7 @@ def _prediction(found: Findings, system: Studied) -> Prediction | None:
     fit, error = best_at_prediction(problem, fits)
     before = held_out_error(problem, found.baseline)
     ratio = math.sqrt(float(before.sum() / max(error.sum(), 1e-300)))
-    return Prediction(tuple(m for m in fit.mechanisms if m not in own), intervals(fit, list(fit.named)), ratio)
+    return Prediction(tuple(m for m in fit.mechanisms if m not in own), intervals(system, fit, list(fit.named)), ratio)
 
 
 def _of_all(found: Findings, problem: Problem) -> list[Fit]:

@@ -15,6 +15,7 @@ import numpy as np
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
+from jumpvision.estimate.readings import readings
 
 from .processes import Ask, Failure, Here, How, Maker, Others, Values, source_of
 from .study import Recording, Study
@@ -49,10 +50,15 @@ class BudgetUsed(InputError):
 
 
 class Runs:
-    """The runs of a study. `many` gives results (n, channels); NaN where a failure is to be avoided."""
+    """The runs of a study. `many` gives results (n, channels); NaN where a failure is to be avoided.
 
-    def __init__(self, study: Study, recordings: Sequence[Recording], how: How) -> None:
-        self.study, self.recordings, self.how = study, list(recordings), how
+    turned: channels whose turns are undone, in the recordings and here.
+    """
+
+    def __init__(
+        self, study: Study, recordings: Sequence[Recording], how: How, turned: frozenset[int] = frozenset()
+    ) -> None:
+        self.study, self.recordings, self.how, self.turned = study, list(recordings), how, turned
         self.count, self.reported, self.total = Count(), 0.0, 0
         self.doubted = how.doubted
         self.held: OrderedDict[bytes, Array] = OrderedDict()
@@ -99,7 +105,14 @@ class Runs:
             self.count.seconds += time.perf_counter() - began
             began = time.perf_counter()
             self._tell()
-        return [found[k] for k in keys]
+        return [self._unwrapped(found[k]) for k in keys]
+
+    def _unwrapped(self, array: Array) -> Array:
+        if self.turned:
+            array = array.copy()
+            for k in self.turned:
+                array[:, k] = readings(array[:, k]).values
+        return array
 
     def slopes(self, asked: Sequence[Ask]) -> list[Mapping[str, Array]]:
         """The function's own derivatives (n, channels), finite ones, by parameter; {} where it has none. Raises

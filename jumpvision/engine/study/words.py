@@ -13,10 +13,12 @@ from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.document import agreement, interval
 from jumpvision.engine.document.words import Words
 from jumpvision.engine.fitting import Fit, Problem
+from jumpvision.engine.naming import widened
 from jumpvision.engine.order import Findings
 
 from .system import DUMMY, Studied
 
+MISSES = 4.0  # standard deviations of chi^2, from which a fit misses more than noise
 SEVERAL = "noise"  # the unit of several channels: each in its own
 CALLED = {  # what the readings of a recording may have wrong
     "scale": "the scale of the readings",
@@ -54,7 +56,7 @@ class StudySpeaker:
         return coefficients_of(self.system.patterns)
 
     def parameters(self, fit: Fit, mechanism: str) -> dict[str, record.Parameter]:
-        return intervals(fit, [p.name for p in self.system.candidates[mechanism].parameters])
+        return intervals(self.system, fit, [p.name for p in self.system.candidates[mechanism].parameters])
 
     def noise(self, d: Findings) -> record.Noise:
         return noise_of(d, self.system)
@@ -80,7 +82,7 @@ class StudySpeaker:
             confirmation=tuple(rows),
             without_films=record.WithoutFilms(alone.named, alone.chi2) if alone and apart else None,
             unit=channels[0].unit or "1" if len(channels) == 1 else SEVERAL,
-            fitted=intervals(d.best, [n for n in d.best.named if n not in self._of_recordings]),
+            fitted=intervals(self.system, d.best, [n for n in d.best.named if n not in self._of_recordings]),
             correlations=correlations(d.best, [n for n in d.best.named if n not in self._of_recordings]),
             lacks={name: m.lacks for name, m in self.system.mechanisms.items()},
             doubts=self.doubts,
@@ -114,8 +116,11 @@ def model_name(system: Studied) -> str:
     return system.study.name or getattr(system.study.simulate, "__name__", "simulate").strip("_")
 
 
-def intervals(fit: Fit, names: Sequence[str]) -> dict[str, record.Parameter]:
-    """Parameters by name with their 90 % intervals, without what does nothing."""
+def intervals(system: Studied, fit: Fit, names: Sequence[str]) -> dict[str, record.Parameter]:
+    """Parameters by name with their 90 % intervals, wider where the fit misses, without what does nothing."""
+    n = sum(o.t.size for o in system.observations)
+    if fit.chi2 > n + MISSES * math.sqrt(2.0 * n):
+        fit, _ = widened(system, fit)
     return {p.name: interval(fit, p) for p in fit.parameters if p.name in names and not p.name.startswith(DUMMY)}
 
 
@@ -145,9 +150,8 @@ def simulated(system: Studied, problem: Problem, fits: Sequence[Fit]) -> list[re
     out = []
     for f in fits:
         n = max(problem.n - len(f.parameters), 1)
-        out.append(
-            record.Simulated(f.mechanisms, by, f.chi2 / n, rms_by_channel(system, f), intervals(f, list(f.named)))
-        )
+        parameters = intervals(system, f, list(f.named))
+        out.append(record.Simulated(f.mechanisms, by, f.chi2 / n, rms_by_channel(system, f), parameters))
     return out
 
 

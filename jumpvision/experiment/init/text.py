@@ -174,6 +174,7 @@ def init(folder: Path, choices: Choices) -> list[Path]:
     given = {s: f for s, f in choices.files.items() if not any((sub / f).exists() for sub in below)}
     found, notes = recordings(folder, given)
     if found:
+        refuse_unused(choices.picks, found)
         return [_experiment(folder, found, notes, choices, shared=(folder.parent / CAMPAIGN).exists())]
     each = {sub: recordings(sub, {s: f for s, f in choices.files.items() if (sub / f).exists()}) for sub in below}
     each = {sub: of for sub, of in each.items() if of[0]}
@@ -182,12 +183,27 @@ def init(folder: Path, choices: Choices) -> list[Path]:
         raise InputError(
             [*why, f"{folder}: no recording here or one folder below; it needs a film, a picture or a table"]
         )
+    refuse_unused(choices.picks, [r for of, _ in each.values() for r in of])
     written = [_experiment(sub, *of, choices, shared=True) for sub, of in each.items()]
     if not (folder / CAMPAIGN).exists():
         ground, reason = _ground(folder, [r for of, _ in each.values() for r in of], choices.ground)
         write_aside(folder / CAMPAIGN, campaign_toml(ground, reason))
         written.append(folder / CAMPAIGN)
     return written
+
+
+def refuse_unused(picks: Mapping[str, Picks], found: Sequence[Recording]) -> None:
+    """Raise InputError for what was chosen in a kind of recording that was not found: it would be gone."""
+    there = {r.section: r.file for r in found}
+    films = ", ".join(f"{f} as [{s}]" for s, f in there.items() if s in PICKED) or "no film or picture"
+    lost = {s: [k for k, v in vars(p).items() if v is not None] for s, p in picks.items() if s not in there}
+    if problems := [
+        f"{', '.join(keys)} given for [{section}], but found is {films}: name the file (--{section.split('_')[0]} "
+        "FILE), or the kind that it is (--marks-in)"
+        for section, keys in lost.items()
+        if keys
+    ]:
+        raise InputError(problems)
 
 
 def still_open(file: Path) -> list[str]:
@@ -233,6 +249,4 @@ def _ground(folder: Path, found: list[Recording], given: str) -> tuple[str, str]
         return "granular", '"hard" or "granular"; there are recordings of grains'
     if "hard" in name or "floor" in name:
         return "hard", '"hard" or "granular"; by the folder\'s name'
-    if all(r.section == "rod_video" for r in found):  # of any ball: perhaps nothing stands on a ground
-        return "", ""
-    return "granular", '"hard" or "granular": nothing here says; check'
+    return "", ""  # nothing here says

@@ -35,6 +35,6 @@ class Held(NamedTuple):
     channels: Mapping[str, Channel]
 
 
-def tell(message: str) -> None:
+def tell(message: str, kind: str = "missing", recording: str = "", values: Mapping[str, float] = {}) -> None:
     """What to know about a file that is read all the same."""
-    warnings.warn(StageWarning("missing", message), stacklevel=3)
+    warnings.warn(StageWarning(kind, message, recording, values), stacklevel=3)

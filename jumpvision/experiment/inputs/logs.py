@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from jumpvision.base.schema import InputError, closest
 from jumpvision.base.storage import irregular, settled, stamp
 from jumpvision.base.units import factor, is_unit
+from jumpvision.estimate.readings import Doubt, only_readings
 
 from .channels import BAGS, READERS
 from .held import Channel, Held, tell
@@ -45,16 +46,22 @@ def read_log(
     path, start = (log, 0.0) if isinstance(log, Path) else (log.path, getattr(log, "start", 0.0))
     called = () if isinstance(log, Path) else tuple(log.called.items())
     asked = path, columns, optional, called, getattr(log, "rate", None), start, at_least, ordered
-    if path.suffix.lower() != ".csv" or irregular(path) or not 0 < path.stat().st_size < SMALL:
-        return pd.DataFrame(_read(*asked))
-    if not _ended(path) or is_tracker(path):
-        return pd.DataFrame(_read(*asked))  # each time it may say what to know of it
-    at = stamp(path)
-    return pd.DataFrame(_kept(*asked, at) if settled(at, time.time()) else _read(*asked))
+    large = path.suffix.lower() != ".csv" or irregular(path) or not 0 < path.stat().st_size < SMALL
+    if large or not _ended(path) or is_tracker(path):  # these may say each time what to know of them
+        table, doubts = _read(*asked)
+    else:
+        at = stamp(path)
+        table, doubts = _kept(*asked, at) if settled(at, time.time()) else _read(*asked)
+    for column, doubt in doubts:
+        tell(f"{path}: {column} {doubt.text}", "reading", getattr(log, "name", "") or "", doubt.values)
+    return pd.DataFrame(table)
+
+
+Read = tuple[dict[str, "Array"], list[tuple[str, Doubt]]]
 
 
 @lru_cache(8)  # the stages of an experiment ask for its logs some eight times
-def _kept(*asked: Any) -> dict[str, Array]:
+def _kept(*asked: Any) -> Read:
     """`_read`; last of all what tells that a file is the same."""
     return _read(*asked[:-1])
 
@@ -68,8 +75,8 @@ def _read(
     start: float,
     at_least: int,
     ordered: bool,
-) -> dict[str, Array]:
-    """As `read_log`, the time from `start` [s]."""
+) -> Read:
+    """As `read_log`, the time from `start` [s]; and what in which column is no reading, which is left out."""
     import numpy as np
     import pandas as pd
 
@@ -107,7 +114,16 @@ def _read(
         )
     if problems:
         raise InputError(problems)
-    return out | {columns[0]: time + start}
+    return _readings(out | {columns[0]: time + start}, columns, timed=ordered)
+
+
+def _readings(out: dict[str, Array], columns: tuple[str, ...], *, timed: bool) -> Read:
+    """The columns in the rows that hold readings. A displacement set by hand stands still: only the force is asked."""
+    if columns[0] == "frame" or len(columns) < 2:  # places given by hand
+        return out, []
+    asked = {c: x for c, x in out.items() if c != columns[0] and not c.startswith("sigma")}
+    found = only_readings(asked, out[columns[1 if timed else 0]])
+    return {c: found.columns[c] if c in found.columns else x[found.kept] for c, x in out.items()}, found.doubts
 
 
 def columns_in(log: LogSection) -> list[str]:

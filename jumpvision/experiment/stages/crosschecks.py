@@ -22,6 +22,7 @@ from jumpvision.estimate.ringdown import ring_down
 from jumpvision.experiment.inputs.sections import Actuation, MotorLog, Robot
 from jumpvision.jumper.physics.oscillator import lift_off_amplitude
 
+from .compare import Value, contradictions
 from .rod import commanded, other_spring, position_at, total_mass
 
 FEWEST = 20  # samples of a recording
@@ -29,7 +30,7 @@ SHORTEST = 0.03  # s: shorter flights of a track are not compared
 GAP = 0.05  # s without a sample over which a flight is not followed
 AGREE = 5.0  # sigmas, and
 SHARE = 0.05  # of a flight's time, by which two flights may differ
-LOUDER = 1.3  # ratio of a log's amplitude to its law's that no loop of a motor makes
+FAR = 3.0  # factor of an amplitude, from which a motion unlike the law's is none of it
 CLEAR = 0.7  # overlap of flights from which two clocks are compared
 MOST = 0.5  # share of the time in flight which the contact log, if it is right, calls flight: far less than it does
 
@@ -194,15 +195,6 @@ def lasting(flights: Flights) -> float:
 def contact(name: str, motion: Motion, found: Flights, t: Array, touches: Array, soft: float) -> Iterator[StageWarning]:
     """A contact log (1 on the ground) at t (n,) [s] beside the flights that the track shows. soft [s]: by which a
     spring and the ground make a flight seem longer, or a foot leaves later."""
-    span, seen = float(t[-1] - t[0]), float(motion.t[-1] - motion.t[0])
-    if seen > 0.0 and not 1.0 / 100.0 < span / seen < 100.0:
-        yield StageWarning(
-            "unit",
-            f"[contact_log] lasts {span:.3g} s, [{name}] {seen:.3g} s ({span / seen:.3g} times): are its times in ms?",
-            "contact_log",
-            {"contact_s": span, "track_s": seen},
-        )
-        return
     whole = np.flatnonzero(np.isfinite(found.time) & (found.lift_off >= t[0]) & (found.landing <= t[-1]))
     if not whole.size:
         yield from _check_flights_are_logged(name, found, t, touches, soft)
@@ -309,14 +301,16 @@ def _same_flight(
 
 
 def driven(law: Actuation, t: Array, x: Array) -> Iterator[StageWarning]:
-    """The encoder's X_m (n,) [m] at t [s] beside the law of [actuation]: the same motion, or its negative?"""
-    if not law.moves or law.frequency is None or law.amplitude is None or not t[0] < law.stop < t[-1]:
+    """The encoder's X_m (n,) [m] at t [s] beside the law of [actuation]: its sign, amplitude and frequency."""
+    if not law.moves or law.frequency is None or law.amplitude is None:
         return
-    asked = commanded(law)(t)[0]
-    moving = (t >= law.start) & (t <= law.stop)
-    if moving.sum() < 8 or np.ptp(asked[moving]) == 0.0 or np.ptp(x[moving]) == 0.0:
-        return
-    alike = float(np.corrcoef(asked[moving], x[moving])[0, 1])
+    amplitude, pace = 0.5 * float(np.ptp(x)), 1.0
+    alike = 0.0
+    if t[0] < law.stop < t[-1]:
+        asked = commanded(law)(t)[0]
+        moving = (t >= law.start) & (t <= law.stop)
+        if moving.sum() >= 8 and np.ptp(asked[moving]) > 0.0 and np.ptp(x[moving]) > 0.0:
+            alike = float(np.corrcoef(asked[moving], x[moving])[0, 1])
     if alike < -0.8:  # correlation from which a log is the law's motion, or its negative
         yield StageWarning(
             "sign",
@@ -327,33 +321,21 @@ def driven(law: Actuation, t: Array, x: Array) -> Iterator[StageWarning]:
         )
         return
     if alike > 0.8:
-        yield from _otherwise(law, t, x)
-
-
-def _otherwise(law: Actuation, t: Array, x: Array) -> Iterator[StageWarning]:
-    """The log's amplitude and frequency beside the law's, by least squares over its motion."""
-    paces = np.geomspace(0.5, 2.0, 81)
-    fits = [_like(replace(law, frequency=(law.frequency or 0.0) * q), t, x) for q in paces]
-    best, as_is = min(fits), fits[paces.size // 2]
-    pace = float(paces[fits.index(best)])
-    if best[0] < 0.5 * as_is[0] and abs(math.log(pace)) > math.log(1.1):
-        frequency = (law.frequency or 0.0) * pace
-        yield StageWarning(
-            "differs",
-            f"[motor_log] position_m moves at {frequency:.3g} Hz, [actuation] frequency = {law.frequency:g} Hz: is it "
-            "the log of this experiment?",
-            "motor_log",
-            {"logged_hz": frequency, "asked_hz": law.frequency or 0.0},
-        )
-    elif 1.0 / 3.0 < as_is[1] < 1.0 / LOUDER or LOUDER < as_is[1] < 3.0:  # beyond, its stroke is told
-        amplitude = (law.amplitude or 0.0) * as_is[1]
-        yield StageWarning(
-            "differs",
-            f"[motor_log] position_m moves with an amplitude of {amplitude:.3g} m, [actuation] amplitude = "
-            f"{law.amplitude:g} m: is it the log of this experiment?",
-            "motor_log",
-            {"logged_m": amplitude, "asked_m": law.amplitude or 0.0},
-        )
+        paces = np.geomspace(0.5, 2.0, 81)
+        fits = [_like(replace(law, frequency=law.frequency * q), t, x) for q in paces]
+        best, as_is = min(fits), fits[paces.size // 2]
+        pace = float(paces[fits.index(best)]) if best[0] < 0.5 * as_is[0] else 1.0
+        amplitude = law.amplitude * as_is[1]
+    known = pace == 1.0 and (alike > 0.8 or not 1.0 / FAR < amplitude / law.amplitude < FAR)
+    by_log, stated = "[motor_log]", "[actuation]"
+    yield from contradictions(
+        [
+            Value("motor amplitude", by_log, amplitude if known and amplitude > 0.0 else None, recording="motor_log"),
+            Value("motor amplitude", stated, law.amplitude),
+            Value("motor frequency", by_log, law.frequency * pace, recording="motor_log"),
+            Value("motor frequency", stated, law.frequency),
+        ]
+    )
 
 
 def _like(law: Actuation, t: Array, x: Array) -> tuple[float, float]:

@@ -61,7 +61,7 @@ class Everything(Inputs):
 RECORDED = ("rod", "log", "contact", "table", "film", "grains", "image", "line", "depth", "pushed", "spring")
 
 
-@stage(version=4, any_of=RECORDED)
+@stage(version=5, any_of=RECORDED)
 def doubts(experiment: Experiment, given: Everything) -> Doubts:
     """Recordings that contradict each other or what is declared; units, clocks, marks and names that look wrong.
 

@@ -78,7 +78,7 @@ def needs_of_fit(experiment: Experiment, law: Actuation | None) -> list[str]:
     return needs_of_law(law) if MOVING & experiment.sections.keys() else []
 
 
-@stage(version=19, any_of=("rod", "contact", "column", "flow", "intrusion", "spring", "log"), needs=needs_of_fit)
+@stage(version=20, any_of=("rod", "contact", "column", "flow", "intrusion", "spring", "log"), needs=needs_of_fit)
 def fit(experiment: Experiment, given: Recordings, *, p: FitParams) -> Fits:
     """Ring-down, flights, spring, column profile, jammed front, actuator: every fit with its uncertainty.
 
@@ -251,6 +251,8 @@ def height_fits(
     foot = hanging_foot(robot)
     swing = foot_frequency(*foot[:3]) if foot else None
     found = jump_height(t, h, sigma, motor_stop=stop, rest=rest, foot_frequency=swing, rest_until=begin)
+    if found.gap:
+        warnings.warn(StageWarning("frames", f"jump height: {found.reason}", "", {"gap_s": found.gap}), stacklevel=2)
     height = Estimate(found.value, found.sigma, "m", found.n, found.chi2, found.reason)
     rise = Estimate(found.motor_rise, found.motor_rise_sigma, "m", found.n, NAN)
     apex = Estimate(found.time, NAN, "s", found.n, found.chi2, found.reason)

@@ -34,6 +34,7 @@ from jumpvision.experiment.inputs.sections import (
     IntrusionLog,
     MotorLog,
     NotApplicable,
+    PivField,
     Robot,
     RodVideo,
     SpringLog,
@@ -46,19 +47,18 @@ from jumpvision.films.frames import Film
 from jumpvision.films.frames.decoding import open_video, pixel_aspect, square_shape
 from jumpvision.films.frames.opening import READERS
 
+from .compare import Value, contradictions, is_prefix
 from .crosschecks import cross_checks, motion_of, resting, ringing, softness, stances, swing_of
 from .falling import falling, falls_otherwise, flown
 from .fit import contact_of
+from .grains.vectors import foreign_field
 from .modelled import modelled
 from .pushes import pushes
 from .recordings import in_pixels, open_film, open_pictures
-from .rod import read_motor, total_mass
+from .rod import motor_in, total_mass
 from .spring import read_spring
 from .track import in_px_alone
 
-THOUSAND = 300.0, 3000.0  # ratios that a wrong prefix makes
-SHALLOW = 0.2  # by which a bed may seem deeper than it is filled
-FAR = 3.0  # factor of a size beyond which it is none of the sought thing
 LONGEST = 5.0  # m, of what a film or a log of a jump shows
 
 Read = TypeVar("Read")
@@ -120,6 +120,8 @@ def preflight(e: Experiment) -> tuple[list[str], list[WarningRecord]]:
     results_stages()  # all of them are registered
     for output in READ:
         found.made[output] = found.ask(partial(made_now, e, output))
+    if (field := e.section(PivField)) is not None:
+        found.ask(partial(foreign_field, field, e.section(Robot)))
     warned = suspicious(e, found)
     toml = e.path / "experiment.toml"
     problems = [p if str(e.path) in p else f"{toml}: {p}" for p in found.problems]
@@ -210,7 +212,8 @@ def _logs(e: Experiment, found: Found) -> None:
     """Every log, read as its stage reads it."""
     law = e.section(Actuation)
     if (log := e.section(MotorLog)) is not None:
-        found.motor = found.ask(lambda: read_motor(log, law))
+        logged = found.ask(lambda: read_log(log, "time_s", "position_m", optional=("force_N",), at_least=8))
+        found.motor = None if logged is None else motor_in(logged, law)
     if (touched := e.section(ContactLog)) is not None:
         found.contact = found.ask(lambda: contact_of(touched))
     if (pushed := e.section(IntrusionLog)) is not None:
@@ -254,23 +257,18 @@ def _doubts(e: Experiment, found: Found) -> Iterator[StageWarning]:
         yield from pushes(found.name, *rod.arrays[:2], robot, law, log if found.motor is not None else None)
 
 
-def _prefix(ratio: float) -> bool:
-    """Whether one is the other in a unit with another prefix."""
-    return THOUSAND[0] < ratio < THOUSAND[1] or THOUSAND[0] < 1.0 / ratio < THOUSAND[1]
-
-
 def _sizes(e: Experiment, found: Found) -> Iterator[StageWarning]:
     """Units: masses, spring, log, track and ball beside what they can be."""
     robot, law = e.section(Robot), e.section(Actuation)
     if robot is not None:
         yield from _robot(robot)
-    if found.motor is not None:
-        yield from _stroke(found.motor[1], law)
-    if found.rod is not None:
-        rise = float(np.ptp(found.rod.arrays[1]))
-        if rise > LONGEST:
-            said = f"[{found.name}] height_m moves by {rise:.3g} m: in mm? then divide by 1000"
-            yield StageWarning("unit", said, found.name, {"rise_m": rise})
+    moved = [] if found.rod is None else [(found.name, "height_m", found.rod.arrays[1])]
+    if found.motor is not None and not (law is not None and law.moves and law.amplitude):
+        moved.append(("motor_log", "position_m", found.motor[1]))
+    for name, column, x in moved:
+        if (rise := float(np.ptp(x))) > LONGEST:
+            said = f"[{name}] {column} moves by {rise:.3g} m: in mm? then divide by 1000"
+            yield StageWarning("unit", said, name, {"moved_m": rise})
     film, v = found.films.get("rod_video"), e.section(RodVideo)
     if film is not None and v is not None and v.scale and v.ball_diameter:
         across = v.ball_diameter / v.scale
@@ -298,23 +296,6 @@ def _robot(robot: Robot) -> Iterator[StageWarning]:
         yield StageWarning("unit", said, "robot", {"sag_m": sag})
 
 
-def _stroke(position: Array, law: Actuation | None) -> Iterator[StageWarning]:
-    """How far the motor goes by its log, X_m (n,) [m], beside [actuation]."""
-    stroke = float(np.ptp(position))
-    full = 2.0 * (law.amplitude or 0.0) if law is not None and law.moves else 0.0
-    if full and stroke > 0.0 and not 1.0 / FAR < (ratio := stroke / full) < FAR:
-        unit = _prefix(ratio)
-        remedy = "position_m in mm, or the amplitude?" if unit else "is it the log of this experiment?"
-        said = (
-            f"[motor_log] position_m moves by {stroke:.3g} m, [actuation] amplitude = {0.5 * full:g} m by "
-            f"{full:.3g} m ({ratio:.3g} times): {remedy}"
-        )
-        yield StageWarning("unit" if unit else "differs", said, "motor_log", {"logged_m": stroke, "asked_m": full})
-    elif not full and stroke > LONGEST:
-        said = f"[motor_log] position_m moves by {stroke:.3g} m: in mm? then divide by 1000"
-        yield StageWarning("unit", said, "motor_log", {"logged_m": stroke})
-
-
 def _depths(e: Experiment, found: Found) -> Iterator[StageWarning]:
     """Nothing goes deeper into a bed than to its floor."""
     bed, height = e.section(Bed), cast(BedHeight | None, found.made.get(BedHeight))
@@ -326,19 +307,19 @@ def _depths(e: Experiment, found: Found) -> Iterator[StageWarning]:
     name = "crater_depth" if "crater_depth" in e.sections else "crater_image"
     for section, deep in ((name, crater_depth), ("intrusion_log", found.deepest)):
         if deep > depth:
-            unit = _prefix(deep / depth) or deep > LONGEST
+            unit = is_prefix(deep / depth) or deep > LONGEST
             said = (
                 f"[{section}] goes {deep:.3g} m deep, into a bed of {depth:.3g} m: "
                 f"{'in mm?' if unit else 'scale, or [bed] solid_volume, length and width?'}"
             )
             yield StageWarning("unit" if unit else "differs", said, section, {"deep_m": deep, "bed_m": depth})
-    given = _filled(bed)
-    if height is not None and given and abs(height.values["height_m"] / given - 1.0) > SHALLOW:
-        said = (
-            f"[bed_image] shows a bed of {height.values['height_m']:.3g} m, [bed] solid_volume, volume_fraction, "
-            f"length and width make {given:.3g} m: scale, floor_row, or one of them?"
-        )
-        yield StageWarning("differs", said, "bed_image", {"seen_m": height.values["height_m"], "filled_m": given})
+    seen = height.values["height_m"] if height is not None else None
+    yield from contradictions(
+        [
+            Value("height of the bed", "[bed_image]", seen, recording="bed_image"),
+            Value("height of the bed", "[bed]", _filled(bed) or None),
+        ]
+    )
 
 
 def _filled(bed: Bed | None) -> float:
@@ -371,7 +352,7 @@ def _clocks(e: Experiment, found: Found) -> Iterator[StageWarning]:
         if end < first or begin > last:
             said = f"{lasts}: they never meet; give start (s on the common clock), and times in seconds"
             yield StageWarning("clock", said, name, {"begin_s": begin, "end_s": end})
-        elif name.endswith("_log") and last > first and _prefix((end - begin) / (last - first)):
+        elif name.endswith("_log") and last > first and is_prefix((end - begin) / (last - first)):
             said = f"{lasts}: {(end - begin) / (last - first):.3g} times as long; are its times in ms?"
             yield StageWarning("unit", said, name, {"lasts_s": end - begin, f"{watched}_s": last - first})
     if law is not None and found.motor is not None:
@@ -387,9 +368,8 @@ def _onset(motor: tuple[Array, Array], law: Actuation) -> Iterator[StageWarning]
         return
     begins, allowed = float(t[np.argmax(away)]), 0.5 / law.frequency
     if abs(begins - law.start) > allowed:
-        remedy = (
-            "are its times in ms?" if law.start > 0.0 and _prefix(begins / law.start) else "is it on the common clock?"
-        )
+        in_ms = law.start > 0.0 and is_prefix(begins / law.start)
+        remedy = "are its times in ms?" if in_ms else "is it on the common clock?"
         said = (
             f"[motor_log] moves from about {begins:.4g} s on, [actuation] start = {law.start:g} s: "
             f"{begins - law.start:+.3g} s apart; {remedy}"

@@ -32,7 +32,7 @@ from .recordings import with_common
 from .track import with_rest_zero
 
 
-@stage(version=2, any_of=("track", "table"))
+@stage(version=3, any_of=("track", "table"))
 def rod(track: Track | None, table: RodTrack | None, actuation: Actuation | None) -> RodMotion:
     """Height of the rod [m] against time [s], zero at rest, from the track or [rod_track].
 

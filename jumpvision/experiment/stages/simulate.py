@@ -14,6 +14,7 @@ from jumpvision.base.arrays import Array
 from jumpvision.base.parameters import of_keywords
 from jumpvision.base.schema import InputError
 from jumpvision.estimate.estimate import checked
+from jumpvision.estimate.readings import looked
 from jumpvision.experiment.inputs.experiment import Experiment, without_folder
 from jumpvision.experiment.inputs.model import ModelSpec
 from jumpvision.experiment.inputs.parameters import SimulateParams
@@ -41,7 +42,7 @@ def needs_of_simulate(robot: Robot, law: Actuation | None) -> list[str]:
     return [*lacking(robot, "motor_mass", "rod_mass", "spring_stiffness"), *needs_of_law(law)]
 
 
-@stage(version=10, any_of=("log", "law"), needs=needs_of_simulate)
+@stage(version=11, any_of=("log", "law"), needs=needs_of_simulate)
 def simulate(
     experiment: Experiment,
     robot: Robot,
@@ -200,6 +201,9 @@ def of_arrays(tables: Any, time_s: ArrayLike | None = None, motor_m: Any = None)
         return moved(model, *driver(None, e.section(Actuation), e.section(Motor), p), None, p).table
     time, position = checked("simulate", time_s=time_s, motor_m=motor_m)
     usable = np.isfinite(time + position).all() and (np.diff(time) > 0.0).all()
+    if usable:
+        seen = looked("simulate", motor_m=position)
+        time, position = time[seen.kept], seen.columns["motor_m"]
     if time.size < FEWEST or not usable:
         raise ValueError(f"simulate: {time.size} times: give {FEWEST} or more, finite and increasing")
     spline = (from_motion if e.ground == "granular" else from_log)(time, position, p.encoder_step / np.sqrt(12.0))

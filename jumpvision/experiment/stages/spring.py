@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 
 import pandas as pd
@@ -11,7 +10,7 @@ from jumpvision.base.units import factor
 from jumpvision.estimate.estimate import Estimate
 from jumpvision.estimate.robot import BENT, Spring, spring_stiffness
 from jumpvision.experiment.inputs.logs import columns_in, read_log
-from jumpvision.experiment.inputs.sections import Robot, SpringLog
+from jumpvision.experiment.inputs.sections import SpringLog
 from jumpvision.experiment.results.values import SpringTest
 from jumpvision.experiment.workflow.stage import StageWarning, stage
 
@@ -19,8 +18,8 @@ LENGTH = {f"displacement_{unit}": factor(unit, "m") for unit in ("m", "mm", "um"
 FORCE = {f"force_{unit}": factor(unit, "N") for unit in ("N", "kN", "mN")}
 
 
-@stage(version=1)
-def spring(log: SpringLog, robot: Robot | None) -> SpringTest:
+@stage(version=2)
+def spring(log: SpringLog) -> SpringTest:
     """Force against displacement of [spring_log]: stiffness and hysteresis.
 
     `fits` {name: {value, sigma, ...}} and the `profile`: displacement, force, direction and the line.
@@ -39,7 +38,7 @@ def spring(log: SpringLog, robot: Robot | None) -> SpringTest:
             f"{log.path}: {load} does not grow with {length}: {k.value:.4g} ± {k.sigma:.2g} N/m; where the log counts "
             f'the force the other way give [spring_log] force = "{other}"'
         )
-    warn_of(found, robot)
+    warn_of(found)
     return SpringTest(
         {
             "fits": {n: e.entry() for n, e in found.fits.items()},
@@ -55,28 +54,22 @@ def read_spring(log: SpringLog) -> pd.DataFrame:
     return read_log(log, length, load, at_least=5, ordered=False)
 
 
-def warn_of(found: Spring, robot: Robot | None) -> None:
-    """Warnings: a loop, a curve instead of a line, another stiffness than [robot] gives."""
+def warn_of(found: Spring) -> None:
+    """Warnings: a loop, a curve instead of a line."""
     k, h, bend = (found.fits.get(n) for n in ("spring_stiffness", "spring_hysteresis_N", "spring_curvature"))
     assert k is not None and bend is not None
-    said: list[tuple[str, str]] = []
+    said: list[str] = []
     if h is not None and clear(h):
-        said.append(("law", f"loading and unloading differ by {2 * h.value:.3g} ± {2 * h.sigma:.2g} N (hysteresis)"))
+        said.append(f"loading and unloading differ by {2 * h.value:.3g} ± {2 * h.sigma:.2g} N (hysteresis)")
     if clear(bend):
         ends = [k.value + s * 0.5 * found.span * bend.value for s in (-1, 1)]
         text = (
             f"its force is no straight line: {ends[0]:.5g} to {ends[1]:.5g} N/m over the {1e3 * found.span:.3g} mm "
             "measured; spring_stiffness is that in the middle"
         )
-        said.append(("law", text))
-    if robot and robot.spring_stiffness:
-        apart, sigma = k.value - robot.spring_stiffness, math.hypot(k.sigma, robot.sigma.spring_stiffness)
-        if abs(apart) > 3.0 * sigma:
-            given = f"{robot.spring_stiffness:.5g} ± {robot.sigma.spring_stiffness:.2g}"
-            text = f"[robot] spring_stiffness = {given} N/m, the test gives {k.value:.5g} ± {k.sigma:.2g} N/m"
-            said.append(("differs", text))
-    for kind, text in said:
-        warnings.warn(StageWarning(kind, text, "spring_log"), stacklevel=3)
+        said.append(text)
+    for text in said:
+        warnings.warn(StageWarning("law", text, "spring_log"), stacklevel=3)
 
 
 def clear(e: Estimate) -> bool:

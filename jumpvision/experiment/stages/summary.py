@@ -9,19 +9,20 @@ from dataclasses import replace
 from jumpvision.estimate.estimate import finite
 from jumpvision.estimate.height import curve_height
 from jumpvision.experiment.inputs.experiment import Experiment
-from jumpvision.experiment.inputs.sections import Actuation, Bed, MotorLog
+from jumpvision.experiment.inputs.sections import Actuation, Bed, MotorLog, Robot
 from jumpvision.experiment.results.summary import Summary, Uncertain
 from jumpvision.experiment.results.tables import Simulation
 from jumpvision.experiment.results.values import BedHeight, Fits
-from jumpvision.experiment.stages.bed.height import contradicted, packing, packing_common
-from jumpvision.experiment.workflow.stage import Said, StageWarning, stage
+from jumpvision.experiment.stages.bed.height import packing, packing_common
+from jumpvision.experiment.workflow.stage import Said, stage
 
-from .rod import motor_runs
+from .compare import Value, contradictions
+from .rod import motor_runs, total_mass
 
-FAR = 5.0  # factor between measured and simulated height that no model's error makes
+REST_SHARE = 0.01  # of a jump's height, by which it may rest elsewhere afterwards
 
 
-@stage(version=6, any_of=("fits", "bed"))
+@stage(version=7, any_of=("fits", "bed"))
 def summary(
     experiment: Experiment,
     law: Actuation | None,
@@ -30,6 +31,7 @@ def summary(
     simulation: Simulation | None,
     bed: BedHeight | None,
     section: Bed | None,
+    robot: Robot | None,
     said: Said,
 ) -> Summary:
     """The experiment in a few numbers; null where unknown.
@@ -63,29 +65,36 @@ def summary(
         spring_stiffness=fitted("spring_stiffness"),
         simulated_height=simulated_height(simulation, law, log) if simulation else None,
     )
-    own = [*packed_otherwise(section, bed), *other_height(found)]
+    own = [*contradictions(values_of(found, fits, robot, section, bed, hard=experiment.ground == "hard"))]
     for doubt in own:
         warnings.warn(doubt, stacklevel=2)
     return replace(found, warnings=(*said, *(d.record for d in own)))
 
 
-def packed_otherwise(section: Bed | None, bed: BedHeight | None) -> Iterator[StageWarning]:
-    """A given volume fraction that is not that of the bed's picture."""
-    if text := contradicted(section, bed):
-        yield StageWarning("differs", text, "bed")
-
-
-def other_height(found: Summary) -> Iterator[StageWarning]:
-    """A measured height that no error of a model makes of the simulated one."""
-    measured = found.jump_height
-    height, modelled = measured.value, found.simulated_height
-    if height and modelled and not 1.0 / FAR < height / modelled < FAR:
-        yield StageWarning(
-            "differs",
-            f"measured height {height:.3g} m, simulated {modelled:.3g} m ({height / modelled:.3g} times): check units, "
-            "scale and masses",
-            values={"measured_m": height, "simulated_m": modelled},
-        )
+def values_of(
+    found: Summary, fits: Fits | None, robot: Robot | None, section: Bed | None, bed: BedHeight | None, *, hard: bool
+) -> Iterator[Value]:
+    """The values of quantities that an experiment gives more than once."""
+    jump, flight, sag = found.jump_height, found.flight_height, 0.0
+    offset = fits.get("ring_offset_m") if fits else None
+    if robot and robot.spring_stiffness and (mass := total_mass(robot)):
+        sag = 2.0 * mass * robot.gravity / robot.spring_stiffness  # the spring lifts the rod from rest, and shakes it
+    if hard:
+        yield Value("jump height", "the track", jump.value, jump.sigma, sag)
+        yield Value("jump height", "the time of flight", flight.value, flight.sigma)
+        if offset:
+            yield Value("rest", "the track before the jump", 0.0, 0.0, REST_SHARE * (jump.value or 0.0))
+            yield Value("rest", "the track after it", offset.value, offset.sigma)
+    yield Value("height by the model", "the track", jump.value, jump.sigma)
+    yield Value("height by the model", "the simulation", found.simulated_height)
+    if section and bed:
+        seen = bed.values
+        yield Value("volume fraction", "[bed]", section.volume_fraction, recording="bed")
+        yield Value("volume fraction", "its picture", seen["volume_fraction"], seen["sigma_volume_fraction"])
+    if robot and found.spring_stiffness.value is not None:
+        stated, test = robot.spring_stiffness, found.spring_stiffness
+        yield Value("spring stiffness", "[robot]", stated, robot.sigma.spring_stiffness, recording="spring_log")
+        yield Value("spring stiffness", "its test", test.value, test.sigma)
 
 
 def simulated_height(simulation: Simulation, law: Actuation | None, log: MotorLog | None) -> float | None:

@@ -24,6 +24,8 @@ from jumpvision.films.vision.ball.film import FilmTracker, track_film
 from jumpvision.films.vision.ball.track import BallSettings, BallTrack
 from jumpvision.films.vision.camera import Camera
 from jumpvision.films.vision.interlaced import INTERLACED, is_interlaced
+from jumpvision.films.vision.repeats import Repeats, Seen, without_repeats
+from jumpvision.films.vision.scene import scene_shift
 
 from .recordings import SCALE_OF_PIXELS, height_share, in_pixels, open_film, other_lens, view_of, with_common
 
@@ -89,6 +91,8 @@ def see_film(film: RodVideo, calibration: Calibration | None, p: TrackParams) ->
         # with a tenth of the frames lost, the film is asked whether it is interlaced
         if np.mean(found.tracks[0].flag != "") > 0.1 and is_interlaced(frames):
             warnings.warn(StageWarning("frames", INTERLACED, film.name), stacklevel=2)
+        if said := scene_shift(frames):
+            warnings.warn(StageWarning("place", said, film.name), stacklevel=2)
     return found
 
 
@@ -277,6 +281,7 @@ class BallFilm:
         # a motion streak needs the frame rate, which a film that does not declare it tells at its end
         self.ready = not film.exposure or film.frame_rate is not None
         self.follower: FilmTracker | None = None
+        self.repeats = Repeats()
 
     def see(self, image: NDArray[np.generic]) -> None:
         """The next frame of the film, in order."""
@@ -284,6 +289,7 @@ class BallFilm:
             settings = self.settings(image.shape, self.film.exposure, self.film.frame_rate or 0.0)
             self.follower = FilmTracker(settings, scene=self.scene, markers=self.markers)
         self.follower.see(image)
+        self.repeats.see(image)
 
     def tracks(self, frames: Film) -> list[BallTrack]:
         """One track a ball, the first ball's first; the frames are read again only if `see` was not given all."""
@@ -295,11 +301,15 @@ class BallFilm:
             near = abs(guess.exposure_fraction - fraction) <= 0.1 * fraction
             if near and replace(guess, exposure_fraction=fraction) == settings:
                 return seen.finish(frames)
-        return track_film(frames, settings, scene=self.scene, markers=self.markers)
+        self.repeats = Repeats()
+        return track_film(Seen(frames, self.repeats), settings, scene=self.scene, markers=self.markers)
 
     def followed(self, frames: Film) -> Followed:
         """Return the tracks with the film's clock; see `tracks`."""
-        tracks, exposure = self.tracks(frames), self.exposure(frames)
+        tracks, said = without_repeats(self.tracks(frames), self.repeats)
+        if said:
+            warnings.warn(StageWarning("reading", said, self.film.name), stacklevel=3)
+        exposure = self.exposure(frames)
         rows, columns = frames.shape
         return Followed(tracks, frames.time + exposure / 2, exposure, (rows, columns))
 

@@ -20,7 +20,7 @@ from jumpvision.base.schema import InputError, StageWarning
 from jumpvision.films.parameters import LARGEST_PASS, PivParams
 from jumpvision.films.vision.compression import coding
 from jumpvision.films.vision.piv.engine import LOST, Usable
-from jumpvision.films.vision.piv.light import light_of
+from jumpvision.films.vision.piv.light import MeanMotion, doubts_of, light_of, three_of
 from jumpvision.films.vision.piv.pair import MATCHED, MEASURED, REASONS, VectorField
 
 from .images import film_at, grey_images, in_grey, scale_problem, usable_pixels
@@ -71,13 +71,17 @@ def piv(
     coded, said = coding(film, frames)
     if said:
         warnings.warn(StageWarning("frames", said), stacklevel=2)
-    matched = list(fields_of(lit, masks, stride, p, coded))
+    moved = MeanMotion()
+    matched = list(moved.watch(fields_of(lit, masks, stride, p, coded)))
     larger = larger_passes((frames[0], frames[p.gap]), masks, p) if has_few_vectors(matched[0]) else ""
     fields = [velocities(f, at, float(time[p.gap] - time[0])) for f in matched]
     if not any(np.isfinite(f.u).any() for f in fields):
         raise ValueError(f"piv: no vector in the field: {larger or reasons(fields[0])}")
     if larger:
         warnings.warn(StageWarning("frames", f"piv: few vectors in the field: {larger}"), stacklevel=2)
+    three = [light(frames[k], k) for k in three_of(len(frames), stride, p.gap)]
+    for text in () if larger else doubts_of(three, moved, len(frames), p.gap):
+        warnings.warn(StageWarning("light", text), stacklevel=2)
     whole = xr.concat(fields, dim="t").assign_coords(head.coords).assign_attrs(head.attrs)
     return whole if len(frames) > 2 else whole.isel(t=0)
 

@@ -22,6 +22,8 @@ from jumpvision.films.parameters import TrackParams
 from jumpvision.films.vision.ball.film import track_film
 from jumpvision.films.vision.ball.track import BallSettings, BallTrack
 from jumpvision.films.vision.interlaced import INTERLACED, is_interlaced
+from jumpvision.films.vision.repeats import Repeats, Seen, without_repeats
+from jumpvision.films.vision.scene import scene_shift
 
 from .images import film_at, grey_images, in_grey, only_numbers, scale_problem
 from .motion import with_derivatives
@@ -71,9 +73,15 @@ def track(
     seed = (p.seed[0], p.seed[1]) if p.seed else None
     settings = BallSettings(p.diameter, p.polarity, p.method, p.search, seed, exposure > 0.0, exposure * frame_rate)
     markers = [(m[0], m[1]) for m in p.markers]
-    found = track_film(images, settings, scene=p.background == "static", markers=markers)
+    repeats = Repeats()
+    found = track_film(Seen(images, repeats), settings, scene=p.background == "static", markers=markers)
+    found, said = without_repeats(found, repeats)
+    if said:
+        warnings.warn(StageWarning("reading", said), stacklevel=2)
     if is_interlaced(images):
         warnings.warn(StageWarning("frames", INTERLACED), stacklevel=2)
+    if said := scene_shift(images):
+        warnings.warn(StageWarning("place", said), stacklevel=2)
     for number, ball in enumerate(found, 1):
         for note in ball.notes:
             warnings.warn(StageWarning("frames", f"ball {number}: {note}" if markers else note), stacklevel=2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
@@ -11,11 +12,13 @@ from numpy.typing import NDArray
 
 from jumpvision import __version__
 from jumpvision.base.arrays import Array
+from jumpvision.base.schema import StageWarning
 from jumpvision.films.grains.dataset import described
 from jumpvision.films.grains.grid import VectorGrid
 from jumpvision.films.parameters import PivParams
 from jumpvision.films.vision.piv.engine import Usable, length_of_errors, piv_film, vector_places
 from jumpvision.films.vision.piv.pair import MEASURED, REASONS, VectorField
+from jumpvision.films.vision.repeats import Repeats, repeats_told
 
 
 class Places(NamedTuple):
@@ -50,9 +53,15 @@ def fields_of(
 ) -> Iterator[VectorField]:
     """Fields of the pairs of frames that have their light; coded: what the film's codec may add to a displacement
     [px]."""
-    return piv_film(
-        images,
-        mask=usable,
+    repeats = Repeats()
+
+    def shown(k: int) -> NDArray[np.bool_] | None:
+        nothing = repeats.nothing_new  # a pair with it would show no motion, or that of two frames
+        return nothing if nothing is not None else None if usable is None else usable(k)
+
+    yield from piv_film(
+        repeats.watch(images),
+        mask=shown,
         gap=p.gap,
         baseline=p.baseline,
         ensemble=p.ensemble,
@@ -60,6 +69,8 @@ def fields_of(
         coded=coded,
         **matching(p),
     )
+    if said := repeats_told(repeats.same, "pairs with them are masked; match frames farther apart (gap)"):
+        warnings.warn(StageWarning("reading", said), stacklevel=2)
 
 
 def ends(time: Array, stride: int, p: PivParams) -> tuple[Array, Array]:

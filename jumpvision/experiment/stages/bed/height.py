@@ -197,18 +197,3 @@ def packing(section: Bed | None, bed: BedHeight | None) -> tuple[float | None, f
     if bed and bed.values["volume_fraction"] is not None:
         return bed.values["volume_fraction"], bed.values["sigma_volume_fraction"]
     return None, None
-
-
-def contradicted(section: Bed | None, bed: BedHeight | None) -> str:
-    """What is to be said where a given volume fraction stands in place of another that the picture shows; else ""."""
-    given, seen = (section.volume_fraction if section else None), bed.values["volume_fraction"] if bed else None
-    if bed is None or given is None or seen is None:
-        return ""
-    sigma = bed.values["sigma_volume_fraction"] or 0.0
-    # from three sigma between a given and a measured volume fraction on, it is said
-    if abs(given - seen) <= 3.0 * sigma:
-        return ""
-    return (
-        f"[bed] volume_fraction = {given:g} overrides {seen:.4f} ± {sigma:.2g}, which the picture of the bed shows; "
-        "leave it out to use what is measured"
-    )

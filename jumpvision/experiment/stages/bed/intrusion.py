@@ -24,6 +24,7 @@ from jumpvision.estimate.penetration import (
     in_bins,
     one_slope,
 )
+from jumpvision.estimate.readings import looked
 from jumpvision.estimate.strokes import deep_ripple, fresh_samples, proportionality
 from jumpvision.experiment.inputs.logs import read_log
 from jumpvision.experiment.inputs.parameters import IntrusionParams
@@ -36,7 +37,7 @@ LEAST = 40  # samples in fresh grains that a curve needs
 GROWTH = 0.3, 6.0  # mu of any cone
 
 
-@stage(version=2)
+@stage(version=3)
 def intrusion(log: IntrusionLog, robot: Robot | None, *, p: IntrusionParams) -> Intrusion:
     """Slow intrusion of [intrusion_log]: two resistances, the RFT cone, overshoots after pauses and withdrawals.
 
@@ -178,7 +179,10 @@ def of_arrays(
     if time_s is None:
         time_s = np.arange(np.size(depth_m)) * p.window / 10.0
     time, depth, force = checked("intrusion", time_s=time_s, depth_m=depth_m, force_N=force_N)
-    return Fits(curves_of(time, depth, force, "intrusion", p, foot_radius).fits).table
+    seen = looked("intrusion", depth_m=depth, force_N=force)
+    return Fits(
+        curves_of(time[seen.kept], seen.columns["depth_m"], seen.columns["force_N"], "intrusion", p, foot_radius).fits
+    ).table
 
 
 def curve_fits(curve: Fitted, p_value: float) -> dict[str, Estimate]:

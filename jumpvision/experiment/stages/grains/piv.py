@@ -28,7 +28,7 @@ from jumpvision.films.parameters import PivParams
 from jumpvision.films.vision.compression import coding
 from jumpvision.films.vision.foot_face import FootTrack, track_foot
 from jumpvision.films.vision.piv.engine import Usable
-from jumpvision.films.vision.piv.light import Light, light_of
+from jumpvision.films.vision.piv.light import Light, MeanMotion, doubts_of, light_of, three_of
 from jumpvision.films.vision.piv.pair import VectorField
 
 from .masks import both, foot_mask, given_mask, half_width
@@ -42,7 +42,7 @@ def needs_of_piv(film: GrainVideo | None) -> list[str]:
     return lacking(film, "pair_time") if film and film.pairs else []
 
 
-@stage(version=21, any_of=("film", "field"), needs=needs_of_piv)
+@stage(version=22, any_of=("film", "field"), needs=needs_of_piv)
 def piv(
     film: GrainVideo | None,
     field: PivField | None,
@@ -132,7 +132,12 @@ class Ready:
 
     def whole(self) -> Piv:
         """All fields of the film."""
-        return Piv.write(self.head, self.planes(matched(self.frames, self.job, self.usable)))
+        motion, n, p = MeanMotion(), len(self.frames), self.job.p
+        found = Piv.write(self.head, self.planes(motion.watch(matched(self.frames, self.job, self.usable))))
+        three = [self.job.light(self.frames[k], k) for k in three_of(n, self.job.stride, p.gap)]
+        for text in doubts_of(three, motion, n, p.gap):
+            warnings.warn(StageWarning("light", text, self.film.name), stacklevel=3)
+        return found
 
     def planes(self, fields: Iterable[VectorField], first: int = 0) -> Iterator[xr.Dataset]:
         """Pixel fields, from number `first` on, as velocities over (y, x)."""

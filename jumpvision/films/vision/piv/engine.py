@@ -16,6 +16,7 @@ from jumpvision.films.calibration import FEW_FINER, FEW_NOISE, FOREIGN_PIXEL, SP
 
 from . import pair as code
 from .frame import Frame, prepare
+from .lattice import periods_of, smallest_alike
 from .pair import TIMES, Settings, VectorField, coded_apart, combined
 from .predict import Mask, at, flow, predict
 from .refine import Grid, Match, Pairs, refine
@@ -37,6 +38,7 @@ Usable = Callable[[int], Mask]  # (H, W) of frame k, True where it is usable
 LARGEST_STEP = 0.25  # of the window; a step further has left the texture it was computed from
 STIFFNESS = 1.0  # of the surface through the vectors: damps noise between neighbours, keeps waves of 6 vectors to 1 %
 FROM_NEIGHBOURS = 3  # turns at most in which failed vectors start from their neighbours: so many rows along a wall
+TOLD = 0.05  # of the vectors that are known but for a period, from which it is told
 LOST = 1 / 3  # of the vectors failed: the first search has gone astray, and all are tried again
 MARGIN = 12  # px of border around a frame beyond half a window: gradient stencil, spline, half of a displacement
 
@@ -61,7 +63,7 @@ def piv_pair(
 def piv_film(
     images: Iterable[NDArray[np.generic]],
     *,
-    mask: Usable | None,
+    mask: Callable[[int], Mask | None] | None,
     gap: int,
     baseline: int = 1,
     ensemble: int = 1,
@@ -159,9 +161,12 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     times = TIMES[s.preset]
 
     start = np.mean([flow(a.grey, b.grey, x, y, s.step) for a, b in pairs], axis=0)
+    periods, tied = periods_of(pairs[0][0].grey, s.passes[0] // 2), np.zeros(start.shape[1:], bool)
+    if len(periods):
+        start, tied = smallest_alike(pairs, grid, start, periods, s.min_texture)
     m = refine(pairs, grid, start, s.min_texture, None, False, None)
     raw, reason = m.p[:2], _judge(m, start, s)
-    again = _to_try(reason)
+    again = _to_try(reason) & ~tied
     edge = np.zeros(again.shape, bool)
     # where more than 1 % failed a correlation is asked for other starts
     if again.sum() > 0.01 * np.isin(reason, code.MATCHED).sum():
@@ -196,8 +201,11 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     by_chance *= 1 + FEW_FINER.value * few
     missed = unresolved(m.finer, measured, s.window, s.step, (by_chance, shared_by_neighbours))
 
+    period = float(np.hypot(*periods.T).min()) if tied.any() else 0.0
+    unknown = np.where(tied, period**2, 0.0)
+
     def stated(spread: Array, share: Array | float) -> Array:
-        sigma = np.sqrt(spread**2 + share * missed + SPLINE_ERROR.value[s.preset] ** 2)
+        sigma = np.sqrt(spread**2 + share * missed + SPLINE_ERROR.value[s.preset] ** 2 + unknown)
         return np.where(measured, sigma, np.where(holes, scatter, np.nan))
 
     matched = np.concatenate([filled, stated(sigma[:2], 1.0)])
@@ -224,6 +232,7 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
         matched,
         p[2:].reshape(2, 2, *shape),
         sigma[2:].reshape(2, 2, *shape),
+        period if tied.mean() > TOLD else 0.0,
     )
 
 

@@ -5,16 +5,20 @@ from __future__ import annotations
 import functools
 import math
 import warnings
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 
-from jumpvision.base.arrays import Image
+from jumpvision.base.arrays import Array, Image
 from jumpvision.base.schema import StageWarning
 from jumpvision.films.frames.base import Frames
 from jumpvision.films.parameters import PivParams
+
+from .pair import MATCHED, MEASURED, VectorField
 
 
 class Light(NamedTuple):
@@ -91,6 +95,100 @@ def stayed(*four: Image) -> float:
     far = alike(0, 3)
     near = (alike(0, 1) + alike(1, 2) + alike(2, 3)) / 3
     return (near - far) / (1 - far) if far < 1 else 0.0
+
+
+STANDS = 0.04  # share of the light that stands still: displacements come out smaller by it
+STANDING = (
+    "{:.0%} of the light stands still where the rest moves by {:.2g} px: particles on the glass, or a background; "
+    "displacements come out too small by about that share: clean it, or subtract it with a long film (background)"
+)
+
+
+class MeanMotion:
+    """Mean displacement of the fields of a film, gathered as they pass."""
+
+    def __init__(self) -> None:
+        self.x = self.y = np.zeros(0)
+        self.period = 0.0  # px, of a pattern that repeats
+        self.textured = 0  # windows with texture
+        self._sum, self._count = np.zeros((2, 1, 1)), np.zeros((1, 1))
+
+    def watch(self, fields: Iterable[VectorField]) -> Iterator[VectorField]:
+        """Give the fields on, their measured vectors added."""
+        for f in fields:
+            good = np.isin(f.reason, MEASURED)
+            self.textured += int(np.isin(f.reason, MATCHED).sum())
+            self.x, self.y, self.period = f.x, f.y, max(self.period, f.period)
+            self._sum, self._count = self._sum + np.where(good, (f.u, f.v), 0.0), self._count + good
+            yield f
+
+    @property
+    def share(self) -> float:
+        """Of the windows with texture that were matched."""
+        return float(self._count.sum()) / self.textured if self.textured else 1.0
+
+    @property
+    def mean(self) -> Array:
+        """(2, ny, nx) [px a pair], 0 where never measured."""
+        return self._sum / np.maximum(self._count, 1)
+
+
+def three_of(n: int, stride: int, gap: int) -> list[int]:
+    """Numbers of the first, the second and the last frame of n that are whole steps of `gap` apart; none of pairs."""
+    return [0, gap, (n - 1) // gap * gap] if stride == 1 and n > 2 * gap else []
+
+
+FEW_MATCHED = 0.3  # share of the windows below which vectors are hardly more than chance
+UNMATCHED = (
+    "{:.0%} of the windows with texture were matched; the others are interpolated between these and say nothing: "
+    "do the frames show the same scene, close enough in time?"
+)
+REPEATING = (
+    "the pattern repeats every {:.3g} px: displacements are known but for that; the smallest is given, with a sigma "
+    "that holds the period. Mark the pattern, or film it faster"
+)
+
+
+def doubts_of(frames: Sequence[Image], motion: MeanMotion, n: int, gap: int) -> list[str]:
+    """Tell what makes the displacements of a film of n frames doubtful. frames (H, W): as `three_of` names them."""
+    repeating = [REPEATING.format(motion.period)] if motion.period else []
+    if motion.share < FEW_MATCHED:
+        repeating.append(UNMATCHED.format(motion.share))
+    return [*repeating, *filter(None, [standing(frames, motion, n, gap)])]
+
+
+def standing(frames: Sequence[Image], motion: MeanMotion, n: int, gap: int) -> str:
+    """Tell of light that stands still while the rest of a film of n frames moves; "" where none does.
+
+    frames (H, W): as `three_of` names them. Of what stands the last frame is as like the first as the second, carried
+    back, is; of what moves only as like as the second, carried on: the same grains and other noise.
+    """
+    if not frames:
+        return ""
+    moved, x, y, apart = motion.mean, motion.x, motion.y, (n - 1) // gap
+    a, second, b = (_high(f.astype(np.float32)) for f in frames)
+    power = float(np.mean(a * second))
+    size = next((k for k in range(1, 17) if np.mean(a[:, k:] * second[:, :-k]) < 0.1 * power), 17)
+    there = np.nan_to_num(apart * np.hypot(*moved)) > 0.5 * size  # px
+    rows, columns = (np.interp(np.arange(n), at, np.arange(at.size)) for n, at in zip(a.shape, (y, x)))
+    use = there[np.ix_(np.rint(rows).astype(int), np.rint(columns).astype(int))]
+    pixels = int(use.sum())
+    if size > 16 or pixels < (32 * size) ** 2:
+        return ""
+    place = np.meshgrid(rows, columns, indexing="ij")
+    step = [map_coordinates(d, place, np.float32, order=1) for d in moved]
+    column, row = np.meshgrid(*(np.arange(n, dtype=np.float32) for n in a.shape[::-1]))
+
+    def carried(steps: int) -> Image:
+        """The second frame, `steps` of them later."""
+        return map_coordinates(second, [row - steps * step[1], column - steps * step[0]], np.float32, order=1)
+
+    on, back = (carried(k)[use] for k in (apart - 1, -1))
+    a, b = a[use], b[use]
+    share = float(np.sum(a * (b - on)) / max(float(np.sum(a * (back - on))), 1e-9))
+    if share < max(STANDS, 3.0 * size / math.sqrt(pixels)):  # what grains are alike by chance
+        return ""
+    return STANDING.format(share, apart * float(np.median(np.hypot(*moved)[there])))
 
 
 def _high(f: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -79,6 +79,7 @@ class VectorField:
     matched: Array  # (4, ny, nx) [px] u, v and their sigmas unsmoothed: for means and fits
     gradient: Array  # (2, 2, ny, nx) [1], [[u_x, u_y], [v_x, v_y]] fitted inside the window, NaN where not measured
     gradient_sigma: Array  # (2, 2, ny, nx) [1], standard uncertainty
+    period: float = 0.0  # px, that sigma holds where the pattern repeats and displacements are known but for it
 
 
 def coded_apart(f: VectorField, coded: float) -> VectorField:
