@@ -29,8 +29,8 @@ def flights(
     """The free flights of any body, e.g. a ball's bounces, a toss or a drop: a row a flight, in order.
 
     table: with time_s [s] and height_m (or y_m, z_m) [m], up, as `jv.track` gives with a scale, and sigma_m where it is
-    known; or times (n,) [s], then height_m (n,) [m], sigma_m: (n,) or one number, its standard uncertainty. Without it
-    the noise is what the record shows, with its drift. NaN samples are left out; a gap longer than max_gap [s]
+    known; or times (n,) [s], then height_m (n,) [m], sigma_m: (n,) or one number, its standard uncertainty, up to
+    a factor that the record shows; without it all of it is. NaN samples are left out; a gap longer than max_gap [s]
     (default 3.5 sample intervals) ends a flight. gravity [m/s^2] along the height. Flights shorter than `shortest` [s]
     are left out.
 

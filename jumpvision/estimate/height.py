@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
@@ -17,7 +17,7 @@ from .estimate import Estimate, checked, checked_sigma, checked_times, scatter_f
 from .mean import difference_noise, weighted_mean
 
 if TYPE_CHECKING:  # the flights are loaded where a height is asked for, not with every track
-    from .flight.piece import Piece
+    from .flight.noise import Stretch
 
 NAN = float("nan")
 ALLOWED = 0.01  # chance that a window wholly on the parabola fails the chi2 test
@@ -25,7 +25,6 @@ LOST = 3.5  # intervals between samples: a longer one is a gap
 HIGHER = 0.02  # of a height, by which a top in a gap must be higher: the speeds beside it are as good as that
 SMALLEST = 5  # samples of the smallest window around the maximum
 PRICE = 9.0  # twice the log likelihood by which noise must be the likelier one as a correlated one: three sigma
-Stretch: TypeAlias = "tuple[Piece, Array]"  # samples, and the columns that span their course
 
 
 @dataclass(frozen=True)

@@ -84,6 +84,53 @@ def test_one_throw_is_one_flight_timed_within_its_sigma(noise):
         assert t[i] == pytest.approx(up, abs=0.004) and t[j - 1] == pytest.approx(down, abs=0.004)
 
 
+def hop(rng, rate, dip=0.0):
+    """Rest, a dip of 0.2 s from which a kick throws it at `up`, and rest where it lands: t, h, up, time in flight."""
+    up, lasts = rng.uniform(0.3, 0.4), rng.uniform(0.12, 0.3)
+    t = rng.uniform(0.0, 1.0 / rate) + np.arange(0.0, up + lasts + 0.3, 1.0 / rate)
+    flown, dipped = np.clip(t - up, 0.0, lasts), np.clip((t - up + 0.2) / 0.2, 0.0, 1.0)
+    return t, 0.5 * G * flown * (lasts - flown) - dip * np.sin(math.pi * dipped) ** 2, up, lasts
+
+
+@pytest.mark.parametrize("factor", [0.02, 1.0, 4.0])
+def test_rows_that_state_sigmas_of_their_own_are_believed_up_to_a_factor(factor):
+    """60 hops: 0.683 +- 3 * 0.06, and no wider than twice what the times scatter by."""
+    rng, miss = np.random.default_rng(31), []
+    for _ in range(60):
+        t, h, _, lasts = hop(rng, float(rng.choice([240.0, 500.0])))
+        sigma = 3e-5 * np.exp(0.3 * rng.normal(size=t.size))
+        f = found(t, h + factor * sigma * rng.normal(size=t.size), sigma)
+        assert len(f) == 1
+        miss.append((f.time[0] - lasts, f.time_sigma[0]))
+    off, said = np.array(miss).T
+    assert abs(np.mean(np.abs(off) < said) - 0.683) < 0.18
+    assert np.median(said) < 2.0 * 1.483 * np.median(np.abs(off))
+
+
+def test_a_rest_that_is_calmer_than_the_flight_tells_neither_its_noise_nor_its_own_level():
+    """As a coder freezes the picture: errors of 0.2 mm in motion, one of them that stays at rest; stated 0.05 mm."""
+    rng, z = np.random.default_rng(32), []
+    for _ in range(60):
+        t, h, _, lasts = hop(rng, 240.0)
+        error = np.where(h > 0.0, 2e-4 * rng.normal(size=t.size), 2e-4 * rng.normal() + 1e-5 * rng.normal(size=t.size))
+        f = found(t, h + error, np.full(t.size, 5e-5))
+        assert len(f) == 1
+        z.append((f.time[0] - lasts) / f.time_sigma[0])
+    assert abs(np.mean(np.abs(z) < 1.0) - 0.683) < 0.18  # 60 draws: 3 * 0.06
+
+
+def test_a_kick_after_a_gentle_dip_is_not_told_late():
+    rng, z = np.random.default_rng(33), []
+    for _ in range(60):
+        t, h, up, _ = hop(rng, float(rng.choice([240.0, 500.0, 1000.0])), dip=rng.uniform(0.001, 0.008))
+        noise = math.exp(rng.uniform(math.log(5e-7), math.log(5e-5)))
+        f = found(t, h + rng.normal(0.0, noise, t.size), np.full(t.size, noise))
+        k = int(np.argmin(np.abs(f.lift_off - up)))
+        z.append((f.lift_off[k] - up) / f.lift_off_sigma[k])
+    assert abs(np.mean(np.abs(z) < 1.0) - 0.683) < 0.18  # a parabola as long as noise allows: 0.41 of them
+    assert abs(np.mean(z)) < 0.2 + 3.0 / math.sqrt(60.0) and np.max(np.abs(z)) < 5.0
+
+
 def test_a_ball_bounces_as_often_as_it_does_and_its_restitution_covers():
     rng, z = np.random.default_rng(4), []
     for k in range(20):

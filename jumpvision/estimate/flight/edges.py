@@ -9,6 +9,7 @@ import numpy as np
 
 from jumpvision.base.arrays import Array
 
+from ..estimate import scatter_factor
 from .ground import Ground
 from .motion import POWER, Motion, Part, curvature, price, pushed, turning
 from .piece import Line, Piece, Source, crossing, moves, polynomial, root_of
@@ -17,6 +18,9 @@ from .spring import FREE, SHRUNK, Settings, Sprung, quiet, sprung, swings, well
 
 UNLIKE = 3.0  # sigmas by which a flight's own curvature may differ before it is fitted with it
 FEWEST = 6  # samples of a smooth motion that a flight may meet at an angle
+SIZES = (6, 8, 11, 15, 20, 28, 40, 56, 80, 112, 160)  # of it, tried in turn
+TRIED = ((3, 0), (3, 1), (3, 2), (4, 0))  # numbers of a polynomial, samples about the corner that are left out, in turn
+ROUNDS = 5  # of a curve and where it meets the flight
 SOON = 0.1  # of a fall's speed that it may have after its release, where it was told from the rest
 
 
@@ -110,7 +114,8 @@ def flight(motion: Motion, k: int, how: Settings, under: Ground) -> Flight:
         swing = doubtful and _swings(quiet(motion.piece, how), part, reach, fit, more, how)
     if fit is not None:
         line, name = replace(line, root=root_of(fit.cov)), ("curve", k)
-    swing = swing or not all(pushed_up(motion, k, side) for side in gradual if fit is None or not fit.good)
+    if not beside:
+        swing = swing or not all(pushed_up(motion, k, side) for side in gradual if fit is None or not fit.good)
     ends = (*beside, *gradual)
     edges = [_edge(motion, k, s, name, line, beside, fit, gradual) if s in ends else None for s in (-1, 1)]
     return Flight(part.i, part.j, (edges[0], edges[1]), own, swing)
@@ -186,18 +191,16 @@ def _edge(
 
 
 def _release(line: Line, met: Beside, name: Source) -> Edge:
-    """Let go at rest: the parabola's apex, and that it is as high as the rest was."""
-    bend = line.bend + (float(line.p[2]) if line.p.size > 2 else 0.0)
-    tau = -float(line.p[1]) / (2.0 * bend)
-    time_by, height_by = np.zeros(line.p.size), np.zeros(line.p.size)
-    time_by[1], height_by[:2] = -0.5 / bend, (1.0, tau)
-    if line.p.size > 2:
-        time_by[2], height_by[2] = -tau / bend, tau * tau
-    off = line.at(line.origin + tau) - met.line.at(met.near)
+    """Let go without a push: where the parabola is as fast as what held it, and that it is as high there."""
+    at, beside = met.near, met.line
+    later = -0.5 / (line.curve(at) - beside.curve(at))
+    mine, theirs = line.row(at), -beside.row(at)  # how the gap of heights moves
+    by, by_theirs = later * line.slope_row(at), -later * beside.slope_row(at)
     cov = line.cov[: line.p.size, : line.p.size]
-    gain = float(time_by @ cov @ height_by) / float(height_by @ cov @ height_by + met.line.cov[0, 0])
-    by = line.moved(time_by - gain * height_by, name, False) | met.line.moved(np.array([gain]), met.name, True)
-    return Edge(line.origin + tau - gain * off, "release", by)
+    gap = float(mine @ cov @ mine + theirs @ beside.cov @ theirs)
+    gain = float(by @ cov @ mine + by_theirs @ beside.cov @ theirs) / gap
+    moved = line.moved(by - gain * mine, name, False) | beside.moved(by_theirs - gain * theirs, met.name, True)
+    return Edge(at - gain * (line.at(at) - beside.at(at)), "release", moved)
 
 
 def corner(motion: Motion, k: int, side: int, reach: tuple[int, int], how: Settings) -> Beside | None:
@@ -209,22 +212,18 @@ def corner(motion: Motion, k: int, side: int, reach: tuple[int, int], how: Setti
     lo, hi = (reach[0], motion.parts[k].i) if side < 0 else (motion.parts[k].j, reach[1])
     around = piece.t[max(lo - FEWEST, 0) : hi + FEWEST]
     driven = how.drive is not None and how.drive.near(around, 0.0) is not None
-    longer = len(other) > len(motion.parts[k])  # than any turn on a spring
-    if at is not None and other.kind == REST and longer and not driven:
-        return Beside(("curve", k + side), motion.lines[k + side], at, "rest")
-    if side < 0 and other.kind == REST and not driven and (let := released(motion, k)) is not None:
+    let = released(motion, k) if side < 0 and not driven else None
+    if let is not None and other.kind == REST:
         return let
+    if at is not None and not driven and stays(motion, k, side):  # longer than any turn on a spring
+        return Beside(("curve", k + side), motion.lines[k + side], at, "rest")
     if how.slow(piece.step):
         return None
-    kind = "rest" if other.kind == REST else "support"
-    found = (
-        Beside(("curve", k + side), motion.lines[k + side], at, kind)
-        if at is not None
-        else bent(motion, k, side, reach)
-    )
-    if found is None:
-        return None
-    if hi - lo < 2:
+    found = let or bent(motion, k, side)
+    if found is None and at is not None:
+        kind = "rest" if other.kind == REST else "support"
+        found = Beside(("curve", k + side), motion.lines[k + side], at, kind)
+    if found is None or hi - lo < 2:
         return found
     part = motion.parts[k]
     cut = len(part) // 6  # the other end may hang over into a contact of its own
@@ -236,7 +235,8 @@ def corner(motion: Motion, k: int, side: int, reach: tuple[int, int], how: Setti
         return found
     spent = replace(part, i=inside[0], j=inside[1]).line(piece, how.gravity).chi2
     spent += sum(_cost(motion, p, lo, hi) for p in motion.parts)
-    return None if spring.spent + 2.0 * price(piece) <= spent else found
+    numbers = 4.0 if other.kind == REST else 2.0  # a spring that ends in a rest has that beside it
+    return None if spring.spent + numbers * price(piece) <= spent else found
 
 
 def _cost(motion: Motion, part: Part, lo: int, hi: int) -> float:
@@ -248,37 +248,60 @@ def _cost(motion: Motion, part: Part, lo: int, hi: int) -> float:
     return polynomial(motion.piece.part(i, j), numbers).chi2 + (numbers + 1) * price(motion.piece)
 
 
+def stays(motion: Motion, k: int, side: int) -> bool:
+    """Return True if rests beside flight k last longer than that, or as long as the record."""
+    n, at = 0, k + side
+    while 0 <= at < len(motion.parts) and motion.parts[at].kind == REST:
+        n, at = n + len(motion.parts[at]), at + side
+    return n > len(motion.parts[k]) or (n >= FEWEST and not 0 <= at < len(motion.parts))
+
+
 def released(motion: Motion, k: int) -> Beside | None:
-    """The rest from which the flight k is let go: it begins at its apex, as high as the rest."""
-    line, level, at = motion.lines[k], motion.lines[k - 1], float(motion.piece.t[motion.parts[k].i])
-    slow = 2.0 * POWER * line.slope_sigma(at) + SOON * _fall(motion, k)
-    if len(motion.parts[k - 1]) < FEWEST or abs(line.slope(at)) > slow:
+    """What the flight k is let go from: it begins as high and as fast as that is."""
+    line, held, at = motion.lines[k], motion.lines[k - 1], float(motion.piece.t[motion.parts[k].i])
+    fallen = abs(line.slope(float(motion.piece.t[motion.parts[k].j - 1])) - line.slope(at))
+    slow = 2.0 * POWER * math.hypot(line.slope_sigma(at), held.slope_sigma(at)) + SOON * fallen
+    off, bend = line.slope(at) - held.slope(at), line.curve(at) - held.curve(at)
+    few = len(motion.parts[k - 1]) < FEWEST and not stays(motion, k, -1)
+    if few or abs(off) > slow or not bend < 0.0:
         return None
-    apex = line.origin - float(line.p[1]) / (2.0 * line.bend)
-    sigma = math.hypot(math.sqrt(float(line.row(apex) @ line.cov @ line.row(apex))), math.sqrt(float(level.cov[0, 0])))
+    apex = at - 0.5 * off / bend
+    rows = line.row(apex), held.row(apex)
+    sigma = math.sqrt(sum(float(row @ one.cov @ row) for row, one in zip(rows, (line, held))))
     return (
-        Beside(("curve", k - 1), level, apex, "release")
-        if abs(line.at(apex) - level.at(apex)) < POWER * sigma
-        else None
+        Beside(("curve", k - 1), held, apex, "release") if abs(line.at(apex) - held.at(apex)) < POWER * sigma else None
     )
 
 
-def _fall(motion: Motion, k: int) -> float:
-    """Speed [m/s] that a flight changes by."""
-    part, line = motion.parts[k], motion.lines[k]
-    return abs(line.slope(float(motion.piece.t[part.j - 1])) - line.slope(float(motion.piece.t[part.i])))
-
-
-def bent(motion: Motion, k: int, side: int, reach: tuple[int, int]) -> Beside | None:
-    """The smooth motion that a flight meets at an angle."""
-    piece, part, other = motion.piece, motion.parts[k], motion.parts[k + side]
-    lo, hi = (max(other.i, reach[0]), other.j) if side < 0 else (other.i, min(other.j, reach[1]))
-    if hi - lo < FEWEST or other.kind == FLIGHT:
-        return None
-    mine, beside = motion.lines[k], polynomial(piece.part(lo, hi), 3)
+def bent(motion: Motion, k: int, side: int) -> Beside | None:
+    """Fit the smooth motion that a flight meets at an angle: by one degree more than explains as much of it, so that
+    what the polynomial leaves out is less than noise."""
+    piece, part, mine = motion.piece, motion.parts[k], motion.lines[k]
     border = part.i if side < 0 else part.j
-    at = crossing(mine, beside, 0.5 * float(piece.t[border - 1] + piece.t[border]))
-    if at is None or not piece.t[min(part.i, lo)] < at < piece.t[max(part.j, hi) - 1]:
-        return None
+    first = max((p.j for p in motion.parts[:k] if p.kind == FLIGHT), default=0)
+    last = min((p.i for p in motion.parts[k + 1 :] if p.kind == FLIGHT), default=piece.t.size)
+    for _ in range(ROUNDS):
+        good: list[tuple[int, int]] = []
+        for numbers, skip in TRIED:
+            begin = border + side * skip
+            room = begin - first if side < 0 else last - begin
+            if room < FEWEST:
+                return None
+            sizes = [n for n in SIZES if n < room] + [room]
+            spans = [(begin - n, begin) if side < 0 else (begin, begin + n) for n in sizes]
+            good = [s for s in spans if well(polynomial(piece.part(*s), numbers).chi2, s[1] - s[0] - numbers)]
+            if good:
+                break
+        lo, hi = good[-1] if good else spans[0]
+        beside = polynomial(piece.part(lo, hi), numbers + 1)
+        met = crossing(mine, beside, 0.5 * float(piece.t[border - 1] + piece.t[border]))
+        if met is None or not piece.t[min(part.i, lo)] < met < piece.t[max(part.j, hi) - 1]:
+            return None
+        at, before, border = met, border, int(np.searchsorted(piece.t, met))
+        if border == before:
+            break
+    beside = replace(beside, root=scatter_factor(beside.chi2, hi - lo - numbers - 1) * beside.root)
     push = pushed(mine, beside, at) if side > 0 else pushed(beside, mine, at)
-    return Beside(("support", 2 * k + side), beside, at, "support") if push else None
+    turn = 2.0 * abs(mine.curve(at) - beside.curve(at)) * piece.step  # that it makes without one, in a sample
+    sharp = abs(mine.slope(at) - beside.slope(at)) > turn
+    return Beside(("support", 2 * k + side), beside, at, "support") if push and sharp else None

@@ -17,13 +17,14 @@ FINEST = 1e-15  # m: of a record without any scatter
 @dataclass(frozen=True)
 class Piece:
     """t (n,) [s] increasing, y (n,) [m] up, sigma (n,) [m]; rho: correlation of the noise from sample to sample;
-    wander [m]: rms step of a random walk beside it."""
+    wander [m]: rms step of a random walk beside it; place [m]: standard uncertainty of a level beside its scatter."""
 
     t: Array
     y: Array
     sigma: Array
     rho: float = 0.0
     wander: float = 0.0
+    place: float = 0.0
     step: float = 0.0  # s, between samples that were not lost
 
     def __post_init__(self) -> None:
@@ -71,6 +72,7 @@ class Piece:
 
 
 FLAT = 1e-14  # of the greatest eigenvalue: of numbers that samples do not tell
+ROUNDS = 4  # of where two curves meet of which one is cubic
 LEAST = 1e-4  # of the weight of a sample that cannot be told from its neighbour's noise
 
 
@@ -79,7 +81,8 @@ class Line:
     """A polynomial of degree < len(p) in t - origin, with bend (t - origin)^2 beside it.
 
     root (k, m): of the covariance of p, root root^T; its columns are of independent sources of unit variance.
-    drift (k + 1, k + 1): the same of a walk's steps within the samples, and of its level behind them.
+    drift (k + 1, k + 1): the same of a walk's steps within the samples, and of its level behind them. place [m]: of
+    p[0], from what all rests have in common.
     """
 
     p: Array
@@ -89,12 +92,13 @@ class Line:
     n: int
     root: Array
     drift: Array | None = None
+    place: float = 0.0
 
     @property
     def cov(self) -> Array:
         """(k, k) of p."""
         drift = 0.0 if self.drift is None else self.drift[:-1] @ self.drift[:-1].T
-        return np.asarray(self.root @ self.root.T + drift)
+        return np.asarray(self.root @ self.root.T + drift + self.place**2)  # which only a level has, of one number
 
     def moved(self, by: Array, name: Source, before: bool) -> dict[Source, Array]:
         """What moves a number that depends on p as `by` (k,) says, and on the level about it: by sources of unit
@@ -102,6 +106,8 @@ class Line:
         out = {name: by @ self.root[: by.size]}
         if self.drift is not None:
             out[f"wander of {name[0]}", name[1]] = np.append(by, -by[0] * before) @ self.drift
+        if self.place:
+            out["place", 0] = by * self.place
         return out
 
     def at(self, t: float) -> float:
@@ -124,13 +130,22 @@ class Line:
 
     def slope_sigma(self, t: float) -> float:
         """Standard uncertainty of the slope [m/s]."""
-        k = np.arange(self.p.size)
-        row = k * (t - self.origin) ** np.maximum(k - 1, 0)
-        return math.sqrt(max(float(row @ self.cov @ row), 0.0))
+        row = self.slope_row(t)
+        return math.sqrt(max(float(row @ self.cov[: row.size, : row.size] @ row), 0.0))
 
     def row(self, t: float) -> Array:
         """d at(t) / d p."""
         return np.asarray((t - self.origin) ** np.arange(self.p.size))
+
+    def slope_row(self, t: float) -> Array:
+        """d slope(t) / d p."""
+        k = np.arange(self.p.size)
+        return np.asarray(k * (t - self.origin) ** np.maximum(k - 1, 0))
+
+    def curve(self, t: float) -> float:
+        """Half the curvature at t [m/s^2]."""
+        k = np.arange(2, self.p.size)
+        return self.bend + float(np.sum(0.5 * k * (k - 1) * self.p[2:] * (t - self.origin) ** (k - 2)))
 
 
 def polynomial(piece: Piece, numbers: int, bend: float = 0.0) -> Line:
@@ -145,7 +160,8 @@ def polynomial(piece: Piece, numbers: int, bend: float = 0.0) -> Line:
     root = axes / np.sqrt(np.where(weight > FLAT * weight[-1], weight, np.inf))
     p = root @ (root.T @ (a.T @ b))
     chi2 = float(np.sum((b - a @ p) ** 2))
-    out = Line(p / size, bend, origin, chi2, piece.t.size, root / size[:, None])
+    place = piece.place if numbers == 1 else 0.0  # a rest stays at one
+    out = Line(p / size, bend, origin, chi2, piece.t.size, root / size[:, None], place=place)
     return replace(out, drift=_drift(piece, out.root @ (root.T @ a.T))) if piece.wander else out
 
 
@@ -166,20 +182,19 @@ def root_of(cov: Array) -> Array:
 
 def crossing(a: Line, b: Line, near: float) -> float | None:
     """The time [s] at which two curves meet, the one nearest to `near`; None where they do not."""
-    slope, value = a.slope(near) - b.slope(near), a.at(near) - b.at(near)
-    bend = _bend(a) - _bend(b)
-    if abs(bend) * abs(value) < 1e-12 * slope * slope or bend == 0.0:
-        return near - value / slope if slope else None
-    root = slope * slope - 4.0 * bend * value
-    if root < 0.0:
-        return None
-    far = -0.5 * (slope + math.copysign(math.sqrt(root), slope))
-    found = [far / bend] + ([value / far] if far else [])
-    return near + min(found, key=abs)
-
-
-def _bend(a: Line) -> float:
-    return a.bend + (float(a.p[2]) if a.p.size > 2 else 0.0)
+    for _ in range(1 if max(a.p.size, b.p.size) < 4 else ROUNDS):
+        slope, value, bend = a.slope(near) - b.slope(near), a.at(near) - b.at(near), a.curve(near) - b.curve(near)
+        if abs(bend) * abs(value) < 1e-12 * slope * slope or bend == 0.0:
+            if not slope:
+                return None
+            near -= value / slope
+            continue
+        root = slope * slope - 4.0 * bend * value
+        if root < 0.0:
+            return None
+        far = -0.5 * (slope + math.copysign(math.sqrt(root), slope))
+        near += min([far / bend] + ([value / far] if far else []), key=abs)
+    return near
 
 
 def moves(a: Line, b: Line, at: float) -> tuple[Array, Array]:

@@ -133,7 +133,7 @@ def sprung(
             best = found
             if found.good:
                 break
-    if best is None or how.ring is None or len(shares) == 1:
+    if best is None or len(shares) == 1:
         return best
     less = fitted(HALF * share)
     return best if less is None else doubted(best, less)
@@ -240,7 +240,8 @@ def _fitted(
     q, cov, chi2 = fit
     keep = many + len(edges)
     times = q[many:keep]
-    if np.any(times < tau[0]) or np.any(times > tau[-1]) or np.any(np.abs(q[keep:]) > 9.0):
+    softest, stiffest = -9.0, math.log(0.5 * math.pi / piece.step)  # that turns before the next sample
+    if np.any(times < tau[0]) or np.any(times > tau[-1]) or np.any((q[keep:] < softest) | (q[keep:] > stiffest)):
         return None
     if len(edges) == 2 and times[1] <= times[0]:
         return None

@@ -80,12 +80,12 @@ def track_flights(
     drive = None if offset is None else Drive(t, np.asarray(offset, float)[good])
     if drive is not None and ring is not None:  # a foot that hangs goes with the rod: what flies is the whole
         h = h - ring.share * drive.o
-    cut, noise = with_noise([Piece(t[i:j], h[i:j], sigma[i:j]) for i, j in pieces(t, max_gap)], gravity, stated, finest)
+    cut, noise = with_noise([Piece(t[i:j], h[i:j], sigma[i:j]) for i, j in pieces(t, max_gap)], gravity, finest)
     quiet = 1.0
     if ripple and t.size:
         still = float(np.median(noise.factor * sigma))
-        cut = [replace(p, sigma=np.hypot(p.sigma, ripple / math.sqrt(2.0)), rho=0.0) for p in cut]
-        cut = [replace(p, wander=0.0) for p in with_noise(cut, gravity, stated=True)[0]]  # a ring looks like one
+        wide = [np.hypot(p.sigma, ripple / math.sqrt(2.0)) for p in cut]  # correlation, drift, place: the ring's
+        cut = [replace(p, sigma=s, rho=0.0, wander=0.0, place=0.0) for p, s in zip(cut, wide)]
         quiet = still / float(np.median(np.concatenate([p.sigma for p in cut]))) if ring else 1.0
     how = Settings(
         gravity, gravity_sigma, shortest, ring, lag, drive=drive, quiet=quiet, rho=noise.rho, stiffness=stiffness
@@ -155,7 +155,7 @@ def in_flight(t: Array, h: Array, sigma: Array, *, gravity: float) -> list[tuple
 
     t [s] increasing, h [m] up, sigma [m] > 0, shape (n,), all finite, without gaps.
     """
-    (piece,), _ = with_noise([Piece(t, h, sigma)], gravity, stated=True)
+    (piece,), _ = with_noise([Piece(t, h, sigma)], gravity)
     m, flying = flights_in(piece, Settings(gravity))
     at = [(m.piece.t[f.i], m.piece.t[f.j - 1]) for f in flying]
     return [(int(np.searchsorted(t, a)), int(np.searchsorted(t, b)) + 1) for a, b in at]
@@ -164,7 +164,7 @@ def in_flight(t: Array, h: Array, sigma: Array, *, gravity: float) -> list[tuple
 def stretches(t: Array, h: Array, sigma: Array, *, gravity: float) -> list[tuple[float, float]]:
     """(begin, end) [s] of every stretch of curvature -gravity, to a sample: as `in_flight`, without asking how it ends,
     so that a swing of a spring may pass for one; a fifth of the work."""
-    (piece,), _ = with_noise([Piece(t, h, sigma)], gravity, stated=True)
+    (piece,), _ = with_noise([Piece(t, h, sigma)], gravity)
     m = motion(piece, gravity)
     flying = [p for p in m.parts if p.kind == FLIGHT and -curvature(m.piece, p.i, p.j)[0] > 0.5 * gravity]
     return [(float(m.piece.t[p.i]), float(m.piece.t[p.j - 1])) for p in flying]
