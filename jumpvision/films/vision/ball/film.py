@@ -244,12 +244,12 @@ class FilmTracker:
 
     def _better(self, number: int, ball: Ball, track: BallTrack, frames: Frames) -> BallTrack:
         """The track measured once more without the scene behind it, where that is about as certain."""
-        if self._sum is None:
+        look = slice(0, VIEWS)
+        if self._sum is None or not (track.flag[look] == "").any():
             return track
         scene = self._sum.background() if self._learning else self._behind
         again = self._without_scene(number, ball, track, frames, scene) if scene is not None else None
         if again is not None:
-            look = slice(0, VIEWS)
             if np.nanmedian(again.sigma[look]) <= AS_CERTAIN * np.nanmedian(track.sigma[look]):
                 track = again
         alone = len(self._balls) == 1 and not self.settings.streak and len(self._head) >= LEAST

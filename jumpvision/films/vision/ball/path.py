@@ -298,9 +298,12 @@ def _exchange(columns, ours, theirs, mine, other):  # type: ignore[no-untyped-de
         a[t], b[t] = other[t], mine[t]
         if mine[t] < 0 and other[t] < 0:
             continue
-        most[t] = _total(columns, ours, a) + _total(columns, theirs, b) - now
-        if most[t] > best:
-            best, begin = most[t], t
+        gain = _total(columns, ours, a) + _total(columns, theirs, b) - now
+        if abs(gain) < 1e-9:  # of candidates that neither likelihood takes
+            continue
+        most[t] = gain
+        if gain > best:
+            best, begin = gain, t
     for t in range(1, len(mine)):
         most[t] = max(most[t], most[t - 1])
     return best, begin, most
