@@ -249,9 +249,8 @@ class FilmTracker:
             return track
         scene = self._sum.background() if self._learning else self._behind
         again = self._without_scene(number, ball, track, frames, scene) if scene is not None else None
-        if again is not None:
-            if np.nanmedian(again.sigma[look]) <= AS_CERTAIN * np.nanmedian(track.sigma[look]):
-                track = again
+        if again is not None and np.nanmedian(again.sigma[look]) <= AS_CERTAIN * np.nanmedian(track.sigma[look]):
+            track = again
         alone = len(self._balls) == 1 and not self.settings.streak and len(self._head) >= LEAST
         if alone and (len(frames) <= HEAD or again is track):
             track = refined(track, self._head, self.settings.polarity)
