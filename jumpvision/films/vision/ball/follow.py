@@ -14,6 +14,7 @@ from jumpvision.films.parameters import SMALLEST_BALL
 
 from .background import View
 from .candidates import EMPTY, Scene, Spots
+from .disc import FRAMES
 from .measure import AS_THEY_ARE, Block, DiscMeasure, Found, Start, ThresholdMeasure, span
 from .path import BARRED, Claim, Ints, Nodes, Path, Score, joint_paths
 from .reasons import Flag, Reason
@@ -31,6 +32,7 @@ CENTRE = 0.1  # diameters: scatter of a candidate's centre; of a measurement a f
 ROUND = 0.3  # diameters: length of a ball's outline that noise makes
 LONG = 0.28  # of what is longer than the ball: where one of two in one outline may be, off its centre
 AT_CLICK = 0.3, 0.5  # scatter of the logarithms of diameter and contrast about those at the click
+FEW = 3  # rows that teach how a ball looks: by fewer none is refused
 EXPECTED = 4.0  # nats that a measurement where it was expected is above a candidate
 
 
@@ -179,17 +181,22 @@ class Ball:
                 self.measurer.accept(found)
             return found
         wx, wy = self._streak(nodes, k, path)
-        known = bool(self.measurer.memory.mean[2])
+        known = bool(self.measurer.memory.mean[FRAMES])
         start = Start(x, y, self.measurer.mean_diameter if known else d, wx, wy, True)
         if not self.settings.streak:
             start = start._replace(wx=0.0, wy=0.0)
         found = self.measurer.measure(view, start, fresh=not known)
         near = math.hypot(found.x - x, found.y - y) < ON_SPOT * d + 0.5 * math.hypot(wx, wy)
         if not found.flag and near:
-            longer = math.hypot(nodes.wx[k], nodes.wy[k]) - math.hypot(wx, wy)
-            if known or longer < ROUND * d:  # what begins partly hidden does not tell how a rim looks
-                self.measurer.accept(found)
+            self.measurer.accept(found)
             return found
+        if 0 < self.measurer.memory.mean[FRAMES] < FEW:  # what begins partly hidden does not tell how a rim looks
+            anew = DiscMeasure(self.settings.diameter, self.settings.polarity, self.settings.streak)
+            again = anew.measure(view, start._replace(d=d), fresh=True)
+            if not again.flag and math.hypot(again.x - x, again.y - y) < ON_SPOT * d + 0.5 * math.hypot(wx, wy):
+                self.measurer = anew
+                anew.accept(again)
+                return again
         if known:
             self.measurer.missed()
             blurred = math.hypot(wx, wy) > MOVED * d
@@ -257,7 +264,7 @@ class Balls:
             ball.claim(s, frame, np.where(whose < 0, 0.0, np.where(whose == k, 1.0, -1.0)), base, at[k] if at else {})
             for k, ball in enumerate(self.balls)
         ]
-        score = replace(claims[0].score, rest=Score.rest)
+        score = Score(claims[0].score.area)  # of any other motion
         free = Claim(np.where(whose < 0, base + s.still * score.still, BARRED), score)
         ball = self.balls[0]
         scatter = np.where((whose >= 0) & (frame > 0), 0.2 * CENTRE, ball.centre) * s.d

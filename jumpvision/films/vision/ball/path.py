@@ -44,7 +44,7 @@ class Score:
     ax: float = 0.0  # px/frame^2: acceleration that the steps have in common, where it is known
     ay: float = 0.0
     bend: float = 0.25  # of the speed, change of velocity in a frame: gravity in films of throws
-    calm: float = 0.12  # the same where a whole path is judged, whose motion is learned
+    calm: float = 0.04  # the same, beyond a constant acceleration, where a whole path is judged
     shake: float = 0.02  # diameters a frame: change of velocity that has no reason
     rest: float = 0.05  # diameters a step: scatter of a thing that stands and is not the ball
     start: float = 1.0  # diameters a frame: speed of a ball whose motion is not known
@@ -230,26 +230,35 @@ def _first(a, b, frame, x, y, d, s, v):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _led(state, gap, b, x, y, d, s, v):  # type: ignore[no-untyped-def]
-    """Lead a motion on to candidate b: logarithm of the density of b there [1/px^2], and the motion with b.
+def _led(state, cov, gap, b, x, y, d, s, v, pace):  # type: ignore[no-untyped-def]
+    """Lead a motion on to candidate b, in place; return the logarithm of the density of b there [1/px^2].
 
-    state: place, velocity, their (co)variances, of either axis. A Kalman filter whose candidates are as far off as
-    Student's t allows: one beside the way moves it little.
+    state: (3, 2) place, velocity, acceleration of both axes; cov: (3, 3) their covariances, of either. pace: px a frame
+    of the whole path. A Kalman filter whose candidates are as far off as Student's t allows: one beside the way moves
+    it little.
     """
-    px, py, vx, vy, pp, pv, vv = state
     lift = 0.5 * gap * (gap + 1.0)
-    px, py = px + gap * vx + lift * v[9], py + gap * vy + lift * v[10]
-    vx, vy = vx + gap * v[9], vy + gap * v[10]
-    change = (v[3] * d[b] + v[13] * np.hypot(vx, vy)) ** 2
-    pp += 2.0 * gap * pv + gap * gap * vv + change * gap**3 / 3.0
-    pv += gap * vv + 0.5 * change * gap * gap
-    vv += change * gap
-    ex, ey, square = x[b] - px, y[b] - py, pp + s[b] ** 2
+    for k in range(2):
+        state[0, k] += gap * state[1, k] + lift * state[2, k]
+        state[1, k] += gap * state[2, k]
+    way = np.array([[1.0, gap, lift], [0.0, 1.0, gap], [0.0, 0.0, 1.0]])
+    cov[:] = way @ cov @ way.T
+    change = (v[3] * d[b] + v[13] * max(pace, np.hypot(state[1, 0], state[1, 1]))) ** 2
+    cov[0, 0] += change * gap**3 / 3.0
+    cov[0, 1] += 0.5 * change * gap * gap
+    cov[1, 0] = cov[0, 1]
+    cov[1, 1] += change * gap
+    square, ex, ey = cov[0, 0] + s[b] ** 2, x[b] - state[0, 0], y[b] - state[0, 1]
     off = ex * ex + ey * ey
-    gives = _t2(off / square) - np.log(2.0 * np.pi * square)
-    kp, kv = pp / (square + 0.5 * off), pv / (square + 0.5 * off)
-    moved = (px + kp * ex, py + kp * ey, vx + kv * ex, vy + kv * ey, pp * (1.0 - kp), pv * (1.0 - kp), vv - kv * pv)
-    return gives, moved
+    gain = cov[:, 0] / (square + 0.5 * off)
+    for m in range(3):
+        state[m, 0] += gain[m] * ex
+        state[m, 1] += gain[m] * ey
+    cov[:] = cov - np.outer(gain, cov[0])
+    for m in range(3):  # as rounding leaves it
+        for n in range(m):
+            cov[m, n] = cov[n, m]
+    return _t2(off / square) - np.log(2.0 * np.pi * square)
 
 
 @njit(cache=True)
@@ -260,7 +269,13 @@ def _total(columns, values, chosen):  # type: ignore[no-untyped-def]
     """
     frame, x, y, d, c, wx, wy, s = columns
     own, v, enter, leave, at_first, known = values
-    gain, motion = np.full(4, NONE), np.zeros((4, 7))
+    gain, motion, spread = np.full(4, NONE), np.zeros((4, 3, 2)), np.zeros((4, 3, 3))
+    a, way, frames = -1, 0.0, 0
+    for b in chosen:
+        if a >= 0 and b >= 0:
+            way, frames = way + np.hypot(x[b] - x[a], y[b] - y[a]), frames + frame[b] - frame[a]
+        a = max(a, b)
+    pace = way / max(1, frames)
     a, total = -1, NONE if at_first else 0.0
     for b in chosen:
         if b < 0:
@@ -271,19 +286,19 @@ def _total(columns, values, chosen):  # type: ignore[no-untyped-def]
         brings = own[b] + _step(a, b, frame, x, y, d, c, wx, wy, v) if goes_on else NONE
         for k in range(4):
             if goes_on and gain[k] > 0.5 * NONE:
-                gives, moved = _led(motion[k], float(frame[b] - frame[a]), b, x, y, d, s, v)
-                gain[k] += gives + brings
-                for m in range(7):
-                    motion[k, m] = moved[m]
+                gain[k] += brings + _led(motion[k], spread[k], float(frame[b] - frame[a]), b, x, y, d, s, v, pace)
             else:
                 gain[k] = NONE
         anew = max(begins, gain.max() + v[14])
         oldest = 3 if gain[3] > gain[2] else 2
-        gain[3], motion[3] = gain[oldest], motion[oldest].copy()
+        gain[3], motion[3], spread[3] = gain[oldest], motion[oldest].copy(), spread[oldest].copy()
         for k in (2, 1):
-            gain[k], motion[k] = gain[k - 1], motion[k - 1].copy()
+            gain[k], motion[k], spread[k] = gain[k - 1], motion[k - 1].copy(), spread[k - 1].copy()
         gain[0], a = anew, b
-        motion[0] = np.array((x[b], y[b], 0.0, 0.0, s[b] ** 2, 0.0, (v[4] * d[b]) ** 2))
+        motion[0, 0, 0], motion[0, 0, 1], motion[0, 2, 0], motion[0, 2, 1] = x[b], y[b], v[9], v[10]
+        motion[0, 1, :] = 0.0
+        spread[0, :, :] = 0.0
+        spread[0, 0, 0], spread[0, 1, 1], spread[0, 2, 2] = s[b] ** 2, max(v[4] * d[b], pace) ** 2, (v[2] * pace) ** 2
     ends = 0.0 if a >= 0 and frame[a] == len(chosen) - 1 else leave
     return max(total, gain.max() + ends)
 
