@@ -436,6 +436,11 @@ def test_bad_questions_are_answered_with_what_is_wrong(tmp_path, capfd):
         assert s.benches.bench.following is None
         asked(s, "/api/track", {"draft": KNOWN})
         until(lambda: not s.benches.bench.following.running)
+        (x, y, *_), likeliest = (
+            s.benches.bench.followed(5)[0][0],
+            max(asked(s, "/api/candidates", {"frame": 5})[1], key=lambda c: c[3]),
+        )
+        assert np.hypot(likeliest[0] - x, likeliest[1] - y) < 1.0 and likeliest[3] > 0.95
         assert asked(s, "/api/fit", whole)[0] == 200
         refused(
             ("/api/fit", whole | {"y": "z"}, 400, "y = 'z': must be one of"),
