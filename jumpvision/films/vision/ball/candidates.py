@@ -52,7 +52,7 @@ class Scene:
         self.grey, self.noise, self.sign, self.diameter, self.gone = grey, noise, sign, diameter, gone
 
     def find(self, image: Image) -> Spots:
-        """The candidates of a frame, best first."""
+        """Return the candidates of a frame, best first."""
         values = np.asarray(image, dtype=np.float32)
         good = np.isfinite(values)
         if not good.any():
@@ -70,7 +70,7 @@ class Scene:
         return kept if self.grey is None else kept._replace(still=self._shown(kept, values))
 
     def _shown(self, s: Spots, values: Float32) -> Array:
-        """1 where the scene shows most of a spot, too, and always; in between where it is partly new."""
+        """Return 1 for spots that the scene always shows, else 0."""
         out = np.zeros(s.x.size)
         assert self.grey is not None
         for k, (x, y) in enumerate(zip(s.x, s.y)):
@@ -82,7 +82,7 @@ class Scene:
         return out
 
     def _outlines(self, values: Float32, *, within: bool) -> list[tuple[float, ...]]:
-        """Rows of `_measure` of a picture; within: of a difference, whose common level is 0."""
+        """Return rows of `_measure` of a picture; within: of a difference, whose common level is 0."""
         expected = self.diameter or SMALLEST_BALL
         shrink = max(1.0, min(expected / 8.0, math.sqrt(values.size / PIXELS)))
         if shrink >= 2.0:
@@ -109,7 +109,7 @@ class Scene:
 
 
 def _distinct(x: Array, y: Array, d: Array) -> list[int]:
-    """Which of the spots, best first, are no repetition of one before."""
+    """Return the indices of the spots, best first, that repeat none before."""
     kept: list[int] = []
     for k in range(x.size):
         if all(math.hypot(x[k] - x[m], y[k] - y[m]) > SAME * max(d[k], d[m]) for m in kept):
@@ -120,7 +120,7 @@ def _distinct(x: Array, y: Array, d: Array) -> list[int]:
 def _measure(
     outline: MatLike, bright: Float32, level: float, threshold: float, sx: float, sy: float, diameter: float | None
 ) -> tuple[float, ...] | None:
-    """The values of Spots and a score of an outline's filled moments; None where it is no spot of a ball's size."""
+    """Return the values of Spots and a score of an outline's filled moments; None where it has no ball's size."""
     if len(outline) < 6:
         return None
     m = cv2.moments(outline)
@@ -158,7 +158,7 @@ def _measure(
 
 
 def noise_of(images: Sequence[Image], scene: Float32 | None) -> float:
-    """Standard deviation of a pixel's grey from frame to frame, where nothing moves."""
+    """Return the standard deviation of a pixel's grey from frame to frame, where nothing moves."""
     views = [np.asarray(i, np.float32) for i in images[:: 1 + len(images) // 8]]
     steps = [
         np.abs(v - scene)[::4, ::4] if scene is not None else np.abs(np.diff(v[::4])) / math.sqrt(2.0) for v in views

@@ -45,7 +45,7 @@ REMEDY = "; give track.seed = [column, row]"
 def track_film(
     frames: Frames, settings: BallSettings, *, scene: bool, markers: Sequence[tuple[float, float]] = ()
 ) -> list[BallTrack]:
-    """The ball of `settings` and one more for each of `markers`, (x, y) in the first frame [px], in all frames.
+    """Track the ball of `settings` and one more for each of `markers`, (x, y) in the first frame [px], in all frames.
 
     With `scene` each is measured a second time without the still scene behind it. The second result is taken where it
     is no less certain in the median; a film whose scene moves, or hides behind a ball that rests, keeps the first.
@@ -80,7 +80,7 @@ def scene_of(head: Sequence[Image], sign: float, diameter: float | None) -> Scen
 
 
 def moving_ball(head: Sequence[Image], polarity: str, rows: float) -> tuple[int, float, float, float] | None:
-    """(frame, x, y, diameter) [px] where a ball is seen first that moves through this share of the frames, or None."""
+    """Return (frame, x, y, diameter) [px] of the first row of a ball that moves in this share of frames, or None."""
     ball = Ball(BallSettings(None, polarity, "disc", 1.5, None, False, 0.0))
     balls, scene = Balls([ball]), scene_of(head, ball.sign, None)
     for image in head:
@@ -114,7 +114,7 @@ class FilmTracker:
         self.shape = (0, 0)
 
     def see(self, image: Image) -> None:
-        """The next frame (row, column); it is kept for a while and must not change."""
+        """Take the next frame (row, column); it is kept for a while and must not change."""
         if self.settings.method == "template":  # has to see the whole film first
             return
         self.shape = (image.shape[0], image.shape[1])
@@ -129,7 +129,7 @@ class FilmTracker:
 
     @property
     def found(self) -> list[Found]:
-        """The first ball in the frames followed so far."""
+        """Return the measurements of the first ball in the frames followed so far."""
         return self._balls[0].found
 
     def candidates(self, i: int) -> list[tuple[float, float, float, float]]:
@@ -167,25 +167,25 @@ class FilmTracker:
             self._learning, self._behind = False, self._sum.background()
 
     def finish(self, frames: Frames) -> list[BallTrack]:
-        """The tracks, the first ball's first. frames: the same film, for what was not kept of it."""
+        """Return the tracks, the first ball's first. frames: the same film, for what was not kept of it."""
         if self.settings.method == "template":
             from .template import track_template
 
             return [track_template(frames, s) for s in self._settings]
         if self._scene is None and self._head:
             self._look()
-        tracks = self._rows(frames)
+        tracks = self._decide_rows(frames)
         out = []
         for number, (ball, (found, probability)) in enumerate(zip(self._balls, tracks)):
             track = as_track(found)
-            track = self._better(number, ball, track, frames)
+            track = self._refit(number, ball, track, frames)
             if self._shared > SHARED:
                 track = with_scatter(track)
-            out.append(replace(self._doubted(track, ball), probability=probability))
+            out.append(replace(self._flag_if_still(track, ball), probability=probability))
         return out
 
-    def _rows(self, frames: Frames) -> list[tuple[list[Found], Array]]:
-        """Of each ball the measurements along the likeliest path, and the probability of each row."""
+    def _decide_rows(self, frames: Frames) -> list[tuple[list[Found], Array]]:
+        """Return of each ball the measurements along the likeliest path, and the probability of each row."""
         n = len(self._together.spots)
         out = [(list(ball.found), np.ones(n)) for ball in self._balls]
         at: list[dict[int, tuple[float, float]]] = [
@@ -199,14 +199,16 @@ class FilmTracker:
                 for i in range(begin, min(n, begin + LAG)):
                     exchanged[b] = max(exchanged[b], path.exchanged[i - first])
                     probability[i] = 1.0 / (1.0 / path.probability[i - first] + exchanged[b])
-                    found[i] = self._row(ball, frames, i, nodes, path, i - first, probability[i])
+                    found[i] = self._decide_row(ball, frames, i, nodes, path, i - first, probability[i])
                     k = int(path.node[i - first])
                     known[i] = (float(nodes.x[k]), float(nodes.y[k])) if k >= 0 else (math.inf, math.inf)
         self._decided = at[0]
         return out
 
-    def _row(self, ball: Ball, frames: Frames, i: int, nodes: Nodes, path: Path, t: int, probability: float) -> Found:
-        """Frame i, which is row t of a path."""
+    def _decide_row(
+        self, ball: Ball, frames: Frames, i: int, nodes: Nodes, path: Path, t: int, probability: float
+    ) -> Found:
+        """Measure or flag frame i, which is row t of a path."""
         k, found = int(path.node[t]), ball.found[i]
         if k >= 0 and probability < SURE:
             other = int(path.other[t])
@@ -221,9 +223,9 @@ class FilmTracker:
         away = math.hypot(found.x - nodes.x[k], found.y - nodes.y[k]) / nodes.d[k]
         if (not found.flag and away < 0.6) or (found.flag and found.flag.reason is not Reason.NO_BALL):
             return found
-        return ball.measured(i, View.of(np.asarray(frames[i])), nodes, path, t)
+        return ball.measure(i, View.of(np.asarray(frames[i])), nodes, path, t)
 
-    def _doubted(self, track: BallTrack, ball: Ball) -> BallTrack:
+    def _flag_if_still(self, track: BallTrack, ball: Ball) -> BallTrack:
         """Flag a track that stands still where something moves elsewhere; a click is believed, and the doubt said."""
         good = np.flatnonzero(track.flag[: len(self._head)] == "")
         if len(self._head) < LEAST or not good.size or self._scene is None or self._scene.grey is None:
@@ -233,17 +235,19 @@ class FilmTracker:
         if math.hypot(np.ptp(x), np.ptp(y)) > d:
             return track
         contrast = math.exp(ball.light[0]) if ball.light else 0.0
-        other = _elsewhere(self._head, self._scene.grey, float(np.median(x)), float(np.median(y)), d, contrast)
+        other = _find_motion_elsewhere(
+            self._head, self._scene.grey, float(np.median(x)), float(np.median(y)), d, contrast
+        )
         if other is None:
             return track
         doubt = STILL.format(*other)
         if ball.settings.seed is not None:
             return replace(track, notes=(*track.notes, doubt))
         flag = np.where(track.flag == "", doubt + REMEDY, track.flag)
-        return replace(_without(track, flag), notes=(*track.notes, doubt + REMEDY))
+        return replace(_flag_rows(track, flag), notes=(*track.notes, doubt + REMEDY))
 
-    def _better(self, number: int, ball: Ball, track: BallTrack, frames: Frames) -> BallTrack:
-        """The track measured once more without the scene behind it, where that is about as certain."""
+    def _refit(self, number: int, ball: Ball, track: BallTrack, frames: Frames) -> BallTrack:
+        """Measure the track once more without the scene behind it, and take that where it is about as certain."""
         look = slice(0, VIEWS)
         if self._sum is None or not (track.flag[look] == "").any():
             return track
@@ -259,7 +263,7 @@ class FilmTracker:
     def _without_scene(
         self, number: int, ball: Ball, track: BallTrack, frames: Frames, scene: Background
     ) -> BallTrack | None:
-        """The rows that a disc was fitted to, once more without the scene."""
+        """Measure the rows that a disc was fitted to once more without the scene."""
         measurer = DiscMeasure(ball.settings.diameter, ball.settings.polarity, ball.settings.streak)
         out = {name: getattr(track, name).copy() for name in ("x", "y", "sigma", "diameter", "chi2")}
         n, i = len(track.flag), 0
@@ -294,7 +298,7 @@ class FilmTracker:
         return replace(track, **out)
 
     def _block(self, number: int, ball: Ball, i: int) -> Block | None:
-        """The frames from i on in which the ball was found in windows of one size; None where there is none."""
+        """Return the frames from i on in which the ball was found in windows of one size; None where there is none."""
         windows: list[Window] = []
         starts: list[tuple[float, float, float, float]] = []
         for k, found in enumerate(ball.found[i : i + BLOCK], i):
@@ -313,7 +317,7 @@ class FilmTracker:
         return Block(pixels, corners, np.array(starts))
 
     def _window(self, image: Image, found: Found) -> Window | None:
-        """The part of a frame that the ball is measured in."""
+        """Return the part of a frame that the ball is measured in."""
         if found.flag or found.p is None:
             return None
         p = found.p
@@ -324,8 +328,8 @@ class FilmTracker:
         return Window(part, x0, y0) if self._room > 0 else None
 
 
-def _without(track: BallTrack, flag: np.ndarray) -> BallTrack:
-    """The track with these flags, and no numbers where there is one."""
+def _flag_rows(track: BallTrack, flag: np.ndarray) -> BallTrack:
+    """Return the track with these flags, and no numbers where there is one."""
     bad = flag != ""
     x, y, sigma, size, chi2 = (
         np.where(bad, np.nan, v) for v in (track.x, track.y, track.sigma, track.diameter, track.chi2)
@@ -334,7 +338,7 @@ def _without(track: BallTrack, flag: np.ndarray) -> BallTrack:
     return BallTrack(x, y, sigma, size, chi2, flag.astype(np.str_), track.notes, grey, contrast, track.probability)
 
 
-def _elsewhere(
+def _find_motion_elsewhere(
     frames: Sequence[Image], scene: Float32, x: float, y: float, d: float, contrast: float
 ) -> tuple[float, float] | None:
     """Find (x, y) where something as large as the ball moves, 1.5 diameters or more away, in a tenth of the frames."""

@@ -63,8 +63,10 @@ class Ball:
 
     # ---- likelihood ----------------------------------------------------------------------------------------------
     def claim(self, s: Spots, frame: Ints, mine: Array, base: Array, at: Mapping[int, tuple[float, float]]) -> Claim:
-        """What speaks for each candidate as this ball. frame: of each; mine: 1 its own, -1 another's own; base: of any
-        ball; at: frames in which it is decided where the ball is."""
+        """Return the log-likelihood of each candidate as this ball.
+
+        frame: of each; mine: 1 its own, -1 another's own; base: as any ball; at: places in frames that are decided.
+        """
         own = np.where((mine > 0.0) & np.isin(frame, list(self.sure)), EXPECTED, base)
         seed = self.settings.seed
         if not self.forgiven:
@@ -117,12 +119,12 @@ class Ball:
             self.share = min(1.0, math.sqrt(max(0.0, float(np.median(along)))))
 
     # ---- measurement ---------------------------------------------------------------------------------------------
-    def expected(self, image: Image, view: View, plain: bool) -> Found | None:
-        """The ball where it is expected; None where that is no matter of course."""
+    def measure_expected(self, image: Image, view: View, plain: bool) -> Found | None:
+        """Measure the ball where it is expected; None where that is no matter of course."""
         i = len(self.found)
         if len(self.last) < 2 or self.last[-1][0] != i - 1 or not isinstance(self.measurer, DiscMeasure):
             return None
-        start, d = self.predicted(i), self.measurer.mean_diameter
+        start, d = self.predict(i), self.measurer.mean_diameter
         if plain and image.dtype in AS_THEY_ARE:
             height, width = image.shape
             (x0, x1), (y0, y1) = span(start.x, start.wx, d, width), span(start.y, start.wy, d, height)
@@ -136,8 +138,8 @@ class Ball:
         self.measurer.accept(f)
         return f
 
-    def predicted(self, i: int) -> Start:
-        """Constant velocity from the last two measurements."""
+    def predict(self, i: int) -> Start:
+        """Return where frame i has the ball at the velocity of the last two measurements."""
         (k, x0, y0), (m, x1, y1) = self.last
         vx, vy = (x1 - x0) / (m - k), (y1 - y0) / (m - k)
         d = self.measurer.mean_diameter
@@ -147,27 +149,27 @@ class Ball:
     def _inside(self, start: Start, shape: tuple[int, int]) -> bool:
         return -0.5 < start.x < shape[1] - 0.5 and -0.5 < start.y < shape[0] - 0.5
 
-    def take(self, f: Found) -> None:
+    def accept_expected(self, f: Found) -> None:
         """Take the next frame's measurement where it was expected: the ball's only candidate there."""
         assert f.p is not None
         contrast = max(1e-6, self.sign * float(f.p[A] - f.p[B]))
         row = (f.x, f.y, f.diameter, contrast, float(f.p[WX]), float(f.p[WY]), 1.0, 0.0)
         self.own[len(self.found)] = Spots(*(np.array([v]) for v in row))
         self.sure.add(len(self.found))
-        self.note(f)
+        self.append(f)
 
-    def note(self, f: Found) -> None:
+    def append(self, f: Found) -> None:
         """Take the next frame's measurement."""
         i = len(self.found)
         if not f.flag:
             self.last = [*self.last[-1:], (i, f.x, f.y)]
         self.found.append(f)
 
-    def measured(self, i: int, view: View, nodes: Nodes, path: Path, t: int) -> Found:
-        """The best measurement that frame i bears of the ball where row t of a path is; flagged where there is none."""
+    def measure(self, i: int, view: View, nodes: Nodes, path: Path, t: int) -> Found:
+        """Measure frame i where row t of a path is, as well as its picture bears; flagged where it bears nothing."""
         k = int(path.node[t])
         if k < 0:
-            if len(self.last) == 2 and not self._inside(self.predicted(i), view.shape):
+            if len(self.last) == 2 and not self._inside(self.predict(i), view.shape):
                 return Found(Flag(Reason.LEFT))
             return Found(Flag(Reason.NO_PIXEL if not np.isfinite(view.everything()).any() else Reason.NO_BALL))
         self.at[i] = (float(nodes.x[k]), float(nodes.y[k]))
@@ -207,7 +209,7 @@ class Ball:
         return fit_stiff(view, outline, d, (wx, wy), self.sign, self.measurer.memory if known else None)
 
     def _streak(self, nodes: Nodes, k: int, path: Path) -> tuple[float, float]:
-        """Way of the ball during the exposure [px], from the steps of the path beside it."""
+        """Return the way of the ball during the exposure [px], by the steps of the path about it."""
         here = nodes.frame[k]
         rows = [t for t in (here - 1, here, here + 1) if 0 <= t < path.node.size and path.node[t] >= 0]
         if len(rows) < 2 or self.share == 0.0:
@@ -234,7 +236,7 @@ class Balls:
         if not self.spots:
             for ball in self.balls:
                 if ball.settings.seed is not None:
-                    ball.own[0] = _clicked(ball, spots, image)
+                    ball.own[0] = _candidate_at_click(ball, spots, image)
         self.spots.append(spots)
 
     def _look_back(self, scene: Scene) -> None:
@@ -247,8 +249,10 @@ class Balls:
     def paths(
         self, first: int = 0, last: int | None = None, at: Sequence[Mapping[int, tuple[float, float]]] = ()
     ) -> tuple[Nodes, list[Path]]:
-        """The likeliest path of each ball through frames first to last - 1. at: where each is in frames that are
-        decided."""
+        """Return the candidates of frames first to last - 1 and each ball's likeliest path through them.
+
+        at: places of each in frames that are decided.
+        """
         last = len(self.spots) if last is None else last
         parts, frames, owners = [EMPTY], [], []
         for i in range(first, last):
@@ -274,8 +278,8 @@ class Balls:
         return nodes, joint_paths(nodes, last - first, claims, free)
 
     def _base(self, s: Spots) -> Array:
-        """What speaks for each candidate as any ball: round, of the size that was given, clearer and larger than what
-        noise and a codec leave."""
+        """Return the log-likelihood of each candidate as any ball: round, of the size given, clearer and larger
+        than what noise and a codec leave."""
         faint, score, given = 2.0 * self.noise, self.balls[0].score, self.balls[0].settings.diameter
         own: Array = -0.5 * ((1.0 - s.fill) / score.shape) ** 2
         clear = np.maximum(s.contrast / faint, 1.0)
@@ -298,7 +302,7 @@ class Balls:
         return [(float(nodes.x[m]), float(nodes.y[m]), float(nodes.d[m]), float(p)) for m, p in zip(k, share)]
 
     def places(self) -> list[tuple[Array, float]]:
-        """Of each ball, where its path is in each frame, (n, 2), NaN where it is not, and its diameter [px]."""
+        """Return of each ball the places of its path, (n, 2), NaN where it is not, and its diameter [px]."""
         nodes, paths = self.paths()
         out = []
         for path in paths:
@@ -326,12 +330,12 @@ class Balls:
         nodes, paths = self.paths()
         for i, image in enumerate(images):
             for ball, path in zip(self.balls, paths):
-                ball.note(ball.measured(i, View.of(image), nodes, path, i))
+                ball.append(ball.measure(i, View.of(image), nodes, path, i))
 
     def next(self, image: Image, scene: Scene, plain: bool) -> None:
         """Take and measure the next frame. plain: by compiled code alone where it is a matter of course."""
         i, view = len(self.spots), View.of(image)
-        where = [ball.expected(image, view, plain) for ball in self.balls]
+        where = [ball.measure_expected(image, view, plain) for ball in self.balls]
         if None in where:
             self.add(image, scene)
             spots = self.spots[i]
@@ -342,7 +346,7 @@ class Balls:
         self._recent.append(image)
         for ball, f in zip(self.balls, where):
             if f is not None:
-                ball.take(f)
+                ball.accept_expected(f)
         if None not in where:
             return
         first = max(0, i + 1 - TAIL)
@@ -350,10 +354,10 @@ class Balls:
         nodes, paths = self.paths(first, i + 1, at)
         for ball, path, f in zip(self.balls, paths, where):
             if f is None:
-                ball.note(ball.measured(i, view, nodes, path, i - first))
+                ball.append(ball.measure(i, view, nodes, path, i - first))
 
 
-def _clicked(ball: Ball, spots: Spots, image: Image) -> Spots:
+def _candidate_at_click(ball: Ball, spots: Spots, image: Image) -> Spots:
     """Return the click as a candidate of the first frame: it is one, whatever is there. The ball looks as what is there
     does."""
     assert ball.settings.seed is not None

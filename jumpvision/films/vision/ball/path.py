@@ -102,7 +102,7 @@ class Claim:
 
 
 def best_path(nodes: Nodes, frames: int, claim: Claim, taken: Bools | None = None) -> Path:
-    """The likeliest path of one, without the candidates taken by others."""
+    """Return the likeliest path of a claim. taken: (n,) candidates that other paths have."""
     own = claim.own + claim.known
     claim = replace(claim, own=own if taken is None else np.where(taken, BARRED, own))
     begin = np.searchsorted(nodes.frame, np.arange(frames + 1))
@@ -111,15 +111,15 @@ def best_path(nodes: Nodes, frames: int, claim: Claim, taken: Bools | None = Non
 
 
 def joint_paths(nodes: Nodes, frames: int, claims: Sequence[Claim], free: Claim) -> list[Path]:
-    """The likeliest paths of several that have no candidate in common, and of what else moves.
+    """Return the likeliest path of each claim; no two paths have a candidate in common.
 
     Each in turn, then the ends of any two exchanged while that makes both together likelier. free: any other.
     """
     everyone, paths = list(claims), [best_path(nodes, frames, claims[0])]
     for claim in claims[1:]:
-        paths.append(best_path(nodes, frames, claim, _taken(nodes, [p.node for p in paths])))
+        paths.append(best_path(nodes, frames, claim, _on_paths(nodes, [p.node for p in paths])))
     for _ in range(OTHERS):
-        other = best_path(nodes, frames, free, _taken(nodes, [p.node for p in paths]))
+        other = best_path(nodes, frames, free, _on_paths(nodes, [p.node for p in paths]))
         if other.gain < OTHER_GAIN:
             break
         paths.append(other)
@@ -129,7 +129,9 @@ def joint_paths(nodes: Nodes, frames: int, claims: Sequence[Claim], free: Claim)
     at = [p.node for p in paths]
     pairs = [(i, j) for j in range(len(at)) for i in range(j)]
     while True:
-        tried = [_exchange(_columns(nodes), _values(everyone[i]), _values(everyone[j]), at[i], at[j]) for i, j in pairs]
+        tried = [
+            _best_exchange(_columns(nodes), _values(everyone[i]), _values(everyone[j]), at[i], at[j]) for i, j in pairs
+        ]
         (i, j), (gain, t, _) = max(zip(pairs, tried), key=lambda one: one[1][0])
         if gain < 1e-6:
             break
@@ -138,16 +140,16 @@ def joint_paths(nodes: Nodes, frames: int, claims: Sequence[Claim], free: Claim)
     for k, claim in enumerate(claims):
         if not claim.at_first:  # the likeliest of those that no other claims
             others = [k, *range(len(claims), len(at))]
-            best = max(others, key=lambda m: float(_total(_columns(nodes), _values(claim), at[m])))
+            best = max(others, key=lambda m: float(_log_likelihood(_columns(nodes), _values(claim), at[m])))
             at[k], at[best] = at[best], at[k]
         rest = [at[m] for m in range(len(at)) if m != k]
-        path = best_path(nodes, frames, claim, _taken(nodes, rest))
+        path = best_path(nodes, frames, claim, _on_paths(nodes, rest))
         lost = np.zeros(frames)  # likelihood of the best exchange over what stands
         for (i, j), (*_, most) in zip(pairs, tried):
             if k in (i, j):
                 lost = np.maximum(lost, np.exp(np.minimum(most, 0.0)))
         if not claim.at_first and len(at) > len(claims):  # which of them it is
-            gains = [_total(_columns(nodes), _values(claim), node) for node in [path.node, *at[len(claims) :]]]
+            gains = [_log_likelihood(_columns(nodes), _values(claim), node) for node in [path.node, *at[len(claims) :]]]
             lost = np.maximum(lost, np.exp(min(0.0, max(gains[1:]) - gains[0])))
         out.append(path._replace(exchanged=lost))
     return out
@@ -158,15 +160,15 @@ def _columns(nodes: Nodes) -> tuple[Array | Ints, ...]:
 
 
 def _values(claim: Claim) -> tuple[Array, Array, float, float, bool, float]:
-    """The numbers that the recursions take of a claim."""
+    """Return the numbers that the recursions take of a claim."""
     s = claim.score
     scales = (s.fastest, s.bend, s.shake, s.start, s.streak, s.size, s.contrast)
     values = np.array((s.area / s.clutter, *scales, s.hidden, s.ax, s.ay, s.rest, float(s.gap), s.calm, s.impact))
     return claim.own, values, s.enter, s.leave, claim.at_first, claim.known
 
 
-def _taken(nodes: Nodes, paths: Sequence[Ints]) -> Bools:
-    """(n,) whether a candidate, or one at the same place, is on one of these paths."""
+def _on_paths(nodes: Nodes, paths: Sequence[Ints]) -> Bools:
+    """Return (n,) True for candidates on one of the paths, or at the place of one that is."""
     out = np.zeros(nodes.x.size, bool)
     for path in paths:
         k = path[path >= 0]
@@ -179,19 +181,19 @@ def _taken(nodes: Nodes, paths: Sequence[Ints]) -> Bools:
 
 @njit(cache=True)
 def _t2(square):  # type: ignore[no-untyped-def]
-    """Logarithm of Student's t in two dimensions, two degrees of freedom, over its value in the middle."""
+    """Return the logarithm of Student's t in two dimensions, two degrees of freedom, over its maximum."""
     return -2.0 * np.log1p(0.5 * square)
 
 
 @njit(cache=True)
 def _t1(square):  # type: ignore[no-untyped-def]
-    """The same in one dimension."""
+    """Return the logarithm of Student's t in one dimension, two degrees of freedom, over its maximum."""
     return -1.5 * np.log1p(0.5 * square)
 
 
 @njit(cache=True)
 def _step(a, b, frame, x, y, d, c, wx, wy, v):  # type: ignore[no-untyped-def]
-    """What a step from candidate a to b brings without the one before: alike, streak along the way, frames between."""
+    """Return the log-likelihood of a step from candidate a to b, but for its place: looks, streak, hidden frames."""
     gap = frame[b] - frame[a]
     # chance is anywhere, or where it was: what a codec leaves, and what lies about, stands
     chance = 1.0 / v[0]
@@ -211,8 +213,8 @@ def _step(a, b, frame, x, y, d, c, wx, wy, v):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _turn(o, a, b, frame, x, y, d, s, v):  # type: ignore[no-untyped-def]
-    """Logarithm of the density of b where the step from o to a leads [1/px^2]."""
+def _density_after_step(o, a, b, frame, x, y, d, s, v):  # type: ignore[no-untyped-def]
+    """Return the logarithm of the density of b [1/px^2] where the step from o to a leads."""
     before, gap = frame[a] - frame[o], frame[b] - frame[a]
     vx, vy, ratio = (x[a] - x[o]) / before, (y[a] - y[o]) / before, gap / before
     lift = 0.5 * gap * (gap + before)
@@ -223,14 +225,14 @@ def _turn(o, a, b, frame, x, y, d, s, v):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _first(a, b, frame, x, y, d, s, v):  # type: ignore[no-untyped-def]
-    """The same of the first step."""
+def _density_at_start(a, b, frame, x, y, d, s, v):  # type: ignore[no-untyped-def]
+    """Return the logarithm of the density of b [1/px^2] after a, where the velocity is not known."""
     square = (v[4] * d[a] * (frame[b] - frame[a])) ** 2 + s[a] ** 2 + s[b] ** 2
     return _t2(((x[b] - x[a]) ** 2 + (y[b] - y[a]) ** 2) / square) - np.log(2.0 * np.pi * square)
 
 
 @njit(cache=True)
-def _led(state, cov, gap, b, x, y, d, s, v, pace):  # type: ignore[no-untyped-def]
+def _predict_and_update(state, cov, gap, b, x, y, d, s, v, pace):  # type: ignore[no-untyped-def]
     """Lead a motion on to candidate b, in place; return the logarithm of the density of b there [1/px^2].
 
     state: (3, 2) place, velocity, acceleration of both axes; cov: (3, 3) their covariances, of either. pace: px a frame
@@ -262,8 +264,8 @@ def _led(state, cov, gap, b, x, y, d, s, v, pace):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True)
-def _total(columns, values, chosen):  # type: ignore[no-untyped-def]
-    """Logarithm of the likelihood of a path whose motion remembers all of it. chosen: candidate of each frame, -1 none.
+def _log_likelihood(columns, values, chosen):  # type: ignore[no-untyped-def]
+    """Return the log-likelihood of a whole path. chosen: candidate of each frame, -1 none.
 
     Four motions are led on: three that began anew at one of the last candidates, and the best of all older ones.
     """
@@ -286,7 +288,9 @@ def _total(columns, values, chosen):  # type: ignore[no-untyped-def]
         brings = own[b] + _step(a, b, frame, x, y, d, c, wx, wy, v) if goes_on else NONE
         for k in range(4):
             if goes_on and gain[k] > 0.5 * NONE:
-                gain[k] += brings + _led(motion[k], spread[k], float(frame[b] - frame[a]), b, x, y, d, s, v, pace)
+                gain[k] += brings + _predict_and_update(
+                    motion[k], spread[k], float(frame[b] - frame[a]), b, x, y, d, s, v, pace
+                )
             else:
                 gain[k] = NONE
         anew = max(begins, gain.max() + v[14])
@@ -304,16 +308,16 @@ def _total(columns, values, chosen):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _exchange(columns, ours, theirs, mine, other):  # type: ignore[no-untyped-def]
-    """What the best exchange of all that two paths have from a frame on brings, and that frame; (frames,) what the best
-    brings that begins no later than each frame."""
-    now = _total(columns, ours, mine) + _total(columns, theirs, other)
+def _best_exchange(columns, ours, theirs, mine, other):  # type: ignore[no-untyped-def]
+    """Return the gain of the best exchange of two paths' ends, the frame it begins in, and (frames,) the best gain of
+    one that begins no later than each frame."""
+    now = _log_likelihood(columns, ours, mine) + _log_likelihood(columns, theirs, other)
     a, b, most, best, begin = mine.copy(), other.copy(), np.full(len(mine), NONE), NONE, 0
     for t in range(len(mine) - 1, 0, -1):
         a[t], b[t] = other[t], mine[t]
         if mine[t] < 0 and other[t] < 0:
             continue
-        gain = _total(columns, ours, a) + _total(columns, theirs, b) - now
+        gain = _log_likelihood(columns, ours, a) + _log_likelihood(columns, theirs, b) - now
         if abs(gain) < 1e-9:  # of candidates that neither likelihood takes
             continue
         most[t] = gain
@@ -362,7 +366,11 @@ def _viterbi(columns, values, begin):  # type: ignore[no-untyped-def]
                     if alpha[f] == NONE:
                         continue
                     o = source[f]
-                    turn = _first(a, b, frame, x, y, d, s, v) if o < 0 else _turn(o, a, b, frame, x, y, d, s, v)
+                    turn = (
+                        _density_at_start(a, b, frame, x, y, d, s, v)
+                        if o < 0
+                        else _density_after_step(o, a, b, frame, x, y, d, s, v)
+                    )
                     if alpha[f] + turn + brings[e] > alpha[e]:
                         alpha[e], back[e] = alpha[f] + turn + brings[e], f
         gone[t + 1], to[t + 1] = gone[t], to[t]
@@ -380,7 +388,11 @@ def _viterbi(columns, values, begin):  # type: ignore[no-untyped-def]
                 a = source[e]
                 for f in range(at[a], at[a + 1]):
                     o = source[f]
-                    turn = _first(a, b, frame, x, y, d, s, v) if o < 0 else _turn(o, a, b, frame, x, y, d, s, v)
+                    turn = (
+                        _density_at_start(a, b, frame, x, y, d, s, v)
+                        if o < 0
+                        else _density_after_step(o, a, b, frame, x, y, d, s, v)
+                    )
                     beta[f] = max(beta[f], beta[e] + turn + brings[e])
         come[t] = come[t + 1]
         for b in range(begin[t], begin[t + 1]):

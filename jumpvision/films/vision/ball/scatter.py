@@ -49,7 +49,7 @@ def shared_noise(frames: Sequence[Image], places: Array, d: float) -> float:
 
 
 def with_scatter(track: BallTrack) -> BallTrack:
-    """The track whose sigma is at least BLOCKS times the scatter of the rows about it."""
+    """Return the track with a sigma of at least BLOCKS times the scatter of the rows about it."""
     n = len(track.flag)
     if n < 4:
         return track
@@ -60,7 +60,7 @@ def with_scatter(track: BallTrack) -> BallTrack:
 
 
 def _local(track: BallTrack, order: int) -> Array:
-    """Scatter about each row by differences of an order, (n,); inf where there are few of them."""
+    """Return the scatter about each row by differences of an order, (n,); inf where there are few of them."""
     places = np.stack([track.x, track.y], axis=1)
     size = np.abs(np.diff(places, order, axis=0)) / np.sqrt(ORDERS[order])
     padded = np.pad(size, ((order // 2, order - order // 2), (0, 0)), constant_values=np.nan)
@@ -68,7 +68,7 @@ def _local(track: BallTrack, order: int) -> Array:
 
 
 def _medians(values: Array) -> Array:
-    """The median of each row of values (n, m), inf where fewer than FEWEST are known."""
+    """Return the median of each row of values (n, m), inf where fewer than FEWEST are known."""
     known = np.count_nonzero(np.isfinite(values), axis=1) >= FEWEST
     out = np.full(len(values), np.inf)
     out[known] = np.nanmedian(values[known], axis=1)
@@ -76,6 +76,6 @@ def _medians(values: Array) -> Array:
 
 
 def _windows(values: Array) -> Array:
-    """The values of the rows about each, (n, 2 HALF + 1 times columns)."""
+    """Return the values of the rows about each, (n, 2 HALF + 1 times columns)."""
     padded = np.pad(values, ((HALF, HALF), (0, 0)), constant_values=np.nan)
     return sliding_window_view(padded, 2 * HALF + 1, axis=0).reshape(len(values), -1).copy()

@@ -40,7 +40,7 @@ class Outline(NamedTuple):
 def fit_stiff(
     view: View, spot: Outline, d: float, streak: tuple[float, float], sign: float, known: disc.Memory | None
 ) -> Found:
-    """The ball of diameter d [px] at a candidate that moves by `streak` in the exposure. known: of the rows before."""
+    """Fit the ball of diameter d [px] at a candidate that moves by `streak` in the exposure. known: of rows before."""
     x, y = spot.x, spot.y
     (wx, wy), height, width = streak, *view.shape
     length = math.hypot(wx, wy)

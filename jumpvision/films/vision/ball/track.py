@@ -79,7 +79,7 @@ class BallSettings:
 
 
 def as_track(found: Sequence[Found]) -> BallTrack:
-    """The track that the measurements of all frames make; numbers of flagged ones are dropped."""
+    """Return the track that the measurements of all frames make; numbers of flagged ones are dropped."""
     good = [f if not f.flag else Found(f.flag) for f in found]
     numbers = np.array([(f.x, f.y, f.sigma, f.diameter, f.chi2) for f in good], dtype=np.float64).reshape(-1, 5)
     x, y, sigma, size, chi2 = numbers.T.copy()
