@@ -170,7 +170,7 @@ def is_noisy(v: Array, step: float, a: int, b: int) -> bool:
     )
     if rest < 0.5 * noise or noise <= step:
         return False
-    equal = step / (3.5 * noise) if step else 1e-3  # chance that two readings are
+    equal = max(step / (3.5 * noise), 1e-300) if step else 1e-3  # chance that two readings are
     return bool((b - a - 1) * math.log(equal) + math.log(v.size) < math.log(CHANCE))
 
 
@@ -198,7 +198,7 @@ def held(v: Array, step: float, driven: Array | None) -> Left:
         return out, [Doubt(said, int(out.sum()), row)]
     top, bottom = float(v.max()), float(v.min())
     stuck = []
-    loudest = 0.5 * step / max(float(np.std(np.diff(v))), step) if step else 1e-3
+    loudest = max(0.5 * step / max(float(np.std(np.diff(v))), step), 1e-300) if step else 1e-3
     enough = end - first - 1 > (math.log(v.size) - math.log(CHANCE)) / -math.log(loudest)  # whatever the noise there
     for a, b in zip(first[enough], end[enough]):
         rest = v[a] == 0.0 and (a == 0 or b == v.size)  # a sensor without load

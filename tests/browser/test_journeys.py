@@ -153,7 +153,7 @@ def test_lost_and_corrected(tmp_path, browser, monkeypatch):
 
         monkeypatch.setattr(BallFilm, "see", held)
         p.click("#act")
-        p.until("workbench.store.track.rows.length > 3")
+        p.until("/40 of 48/.test(document.body.innerText)")
         assert p.page.locator("#trouble").is_hidden()
         p.press("Stop")
         p.until("!workbench.store.track.running")

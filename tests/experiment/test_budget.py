@@ -495,7 +495,7 @@ def test_summary_and_table_show_the_common_part(tmp_path):
     assert again.common == pytest.approx(0.002 * np.abs(plain.table.height_m), rel=1e-9)
     found = height_fits(motion, None, RUNS, Clock(offset_sigma=1e-3))
     phi = BedHeight({"volume_fraction": 0.57, "sigma_volume_fraction": 3e-3, "sigma_common_volume_fraction": 2e-3})
-    d = summary(open_experiment(tmp_path), LAW, None, Fits(found), None, phi, None, Said()).values
+    d = summary(open_experiment(tmp_path), LAW, None, Fits(found), None, phi, None, None, Said()).values
     assert d["sigma_common_m"] == found["jump_height_m"].sigma_common > 0.0
     assert d["sigma_common_volume_fraction"] == pytest.approx(2e-3, rel=1e-12)
     assert found["apex_time_s"].sigma_common == 1e-3

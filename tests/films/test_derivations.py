@@ -128,6 +128,9 @@ def test_the_scatter_of_vectors_and_their_stated_sigma_are_those_of_the_derivati
 
     noise_factor = engine.noise_factor
     monkeypatch.setattr(engine, "noise_factor", factor)
+    monkeypatch.setattr(
+        engine, "periods_of", lambda *_: np.zeros((0, 2))
+    )  # of the shifts a wave allows, this one is known
     errors, variances = [], []
     for _ in range(200):
         f = engine.piv_pair(*wave_pair(rng), window=WINDOW, step=STEP, passes=(32,), min_correlation=0.3,

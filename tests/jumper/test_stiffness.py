@@ -120,7 +120,7 @@ def test_the_fit_command_gives_stiffness_hysteresis_figure_and_warnings(folder, 
     assert summary["spring_stiffness_N_m_sigma"] == fits["spring_stiffness"]["sigma"] < 10
     assert main(["figures", str(results), "--only", "spring", "--format", "png"]) == 0
     assert (results / "figures" / "spring.png").stat().st_size > 5000
-    assert "hysteresis" in err and "[robot] spring_stiffness = 3200" in err and "straight" not in err
+    assert "hysteresis" in err and "[robot] gives 3200 N/m" in err and "straight" not in err
 
 
 BROKEN = {

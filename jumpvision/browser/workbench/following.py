@@ -90,6 +90,8 @@ class Following:
         except Exception as e:
             traceback.print_exc()
             self.problem = f"the tracker failed: {type(e).__name__}: {e}"
+        if self._stop.is_set() and self._balls.follower is not None:
+            self._balls.follower.settle()  # what was seen is shown
         self.doing = ""
 
     def _track(self) -> BallTrack | None:

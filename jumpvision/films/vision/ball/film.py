@@ -166,14 +166,18 @@ class FilmTracker:
         if i + 1 >= LEARNED[1] or (i + 1 >= LEARNED[0] and self._sum.covered):
             self._learning, self._behind = False, self._sum.background()
 
+    def settle(self) -> None:
+        """Learn scene and balls from the frames so far, if that is not done yet."""
+        if self._scene is None and self._head:
+            self._look()
+
     def finish(self, frames: Frames) -> list[BallTrack]:
         """Return the tracks, the first ball's first. frames: the same film, for what was not kept of it."""
         if self.settings.method == "template":
             from .template import track_template
 
             return [track_template(frames, s) for s in self._settings]
-        if self._scene is None and self._head:
-            self._look()
+        self.settle()
         tracks = self._decide_rows(frames)
         out = []
         for number, (ball, (found, probability)) in enumerate(zip(self._balls, tracks)):
