@@ -55,8 +55,9 @@ def with_scatter(track: BallTrack) -> BallTrack:
         return track
     scatter = np.min([_local(track, order) for order in ORDERS if n > order], axis=0)
     usual = _medians(_windows(track.sigma[:, None]))
-    factor = np.where(np.isfinite(scatter), BLOCKS * scatter / np.maximum(usual, 1e-12), 1.0)
-    return replace(track, sigma=np.where(factor > 1.0, factor, 1.0) * track.sigma)
+    factor, known = np.ones(n), np.isfinite(scatter) & np.isfinite(usual)
+    factor[known] = np.maximum(1.0, BLOCKS * scatter[known] / usual[known])
+    return replace(track, sigma=factor * track.sigma)
 
 
 def _local(track: BallTrack, order: int) -> Array:
