@@ -91,7 +91,7 @@ def track_flights(
         gravity, gravity_sigma, shortest, ring, lag, drive=drive, quiet=quiet, rho=noise.rho, stiffness=stiffness
     )
     whole, warned = as_filmed(cut, how)
-    if stated and noise.factor > GROSS:
+    if stated and not ripple and noise.factor > GROSS:
         said = (
             f"the track scatters by {noise.factor:.2g} times its sigma of {float(np.median(sigma)):.2g} m: what is "
             "said of its flights is widened"
