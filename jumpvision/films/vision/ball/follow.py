@@ -282,7 +282,7 @@ class Balls:
         than what noise and a codec leave."""
         faint, score, given = 2.0 * self.noise, self.balls[0].score, self.balls[0].settings.diameter
         own: Array = -0.5 * ((1.0 - s.fill) / score.shape) ** 2
-        clear = np.maximum(s.contrast / faint, 1.0)
+        clear = np.clip(s.contrast / max(faint, 1e-9), 1.0, 1e9)
         own += np.clip(clear - np.log(5.5 * clear), -4.0, 4.0)
         own += np.clip(2.0 * np.log(s.d / 8.0), -1.0, 2.0)
         if given:
