@@ -271,9 +271,6 @@ def test_windows_come_back_as_they_were_and_take_the_memory_of_a_few(monkeypatch
             assert pixels.dtype == np.uint16 and pixels.flags.writeable
     with pytest.raises(IndexError):
         kept[3000]
-    kept.put(4, Window(few[0], 8, 9))  # in place of none
-    kept.put(1001, None)
-    assert np.array_equal(kept[4].pixels, few[0]) and kept[4].x0 == 8 and kept[1001].x0 == 1001 and len(kept) == 3000
 
 
 def test_where_the_disk_is_full_no_window_is_kept():

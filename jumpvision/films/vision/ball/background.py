@@ -70,9 +70,9 @@ def _medians(first, last, stack, bits, out):  # type: ignore[no-untyped-def]
 
 class Background:
     """scene: (row, column) [grey], NaN where never seen; level: its median; ball: grey of the ball inside its edge.
-    blind: where the scene has the ball's own grey there is no data; else the frame's own."""
+    Where the scene has the ball's own grey the frame's own stays."""
 
-    def __init__(self, scene: Array, level: float, ball: float, *, blind: bool = False):
+    def __init__(self, scene: Array, level: float, ball: float):
         self.scene, self.level, self.ball = scene, level, ball
         contrast = ball - scene
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -80,8 +80,6 @@ class Background:
             usable = np.isfinite(contrast) & (contrast / (ball - level) > 0.3)
             self.gain = np.where(usable, (ball - level) / contrast, 1.0)
             self.offset = np.where(usable, level - scene * self.gain, 0.0)
-            if blind:
-                self.offset[np.isfinite(contrast) & ~usable] = np.nan
 
     def removed(self, image: Image, row: int = 0, column: int = 0) -> Array:
         """An image (or the part of one that starts at row, column) with the even scene `level` behind the ball;
@@ -100,7 +98,6 @@ class SceneSum:
         self._hidden: NDArray[np.int64] = np.zeros((0, 0), dtype=np.int64)
         self._views = 0
         self._greys: list[float] = []
-        self._first: Background | None = None
 
     def add(self, image: Image, balls: Iterable[tuple[float, float, float]], grey: float) -> None:
         """One view: image (row, column), x, y, diameter [px] of every ball in it, and the grey of the first."""
@@ -118,10 +115,6 @@ class SceneSum:
         """Whether every pixel has been seen often enough."""
         return self._views >= LEAST_VIEWS and int(self._hidden.max()) <= self._views - LEAST_VIEWS
 
-    def settle(self) -> None:
-        """What is known by now stays as it is; later views tell only what is not."""
-        self._first = self.background()
-
     def background(self) -> Background | None:
         """None where too little of the scene is ever seen to be of use."""
         if self._total is None or not self._greys or self._views < LEAST_VIEWS:
@@ -130,8 +123,6 @@ class SceneSum:
         at = np.nonzero(self._hidden)
         seen = self._views - self._hidden[at]
         scene[at] = np.where(seen >= LEAST_VIEWS, self._total[at] / np.maximum(seen, 1), np.nan)
-        if (first := self._first) is not None:
-            return Background(np.where(np.isnan(first.scene), scene, first.scene), first.level, first.ball)
         known = scene[~np.isnan(scene)]
         if not known.size:
             return None
@@ -181,11 +172,6 @@ class Kept(Sequence["Window | None"]):
     def append(self, window: Window | None) -> None:
         """The window of the next frame; none is kept where there is no room for it."""
         self._where.extend(self._kept(window) or (-1, 0, 0, 0, 0))
-
-    def put(self, i: int, window: Window | None) -> None:
-        """Another window of frame i; the one before stays where there is no room for it."""
-        if where := self._kept(window):
-            self._where[5 * i : 5 * i + 5] = array("q", where)
 
     def _kept(self, window: Window | None) -> tuple[int, int, int, int, int] | None:
         """Where it is kept, if it is."""

@@ -18,6 +18,7 @@ from jumpvision.films.frames.base import Frames
 
 from .background import Background, Kept, SceneSum, View, Window, still_scene
 from .candidates import Scene, noise_of
+from .disc import FRAMES
 from .follow import SURE, Ball, Balls
 from .measure import AS_THEY_ARE, Block, DiscMeasure, Found, Start, window_half
 from .path import Nodes, Path
@@ -156,7 +157,7 @@ class FilmTracker:
         """Keep what the second measurement needs of a frame, and add it to the scene."""
         if self._sum is None:
             return
-        found = [b.found[i] for b in self._balls]
+        found = [ball.found[i] for ball in self._balls]
         for kept, f in zip(self._windows, found, strict=True):
             kept.append(self._window(image, f))
         if not self._learning or i % _stride(i):
@@ -192,10 +193,8 @@ class FilmTracker:
         """Return of each ball the measurements along the likeliest path, and the probability of each row."""
         n = len(self._together.spots)
         out = [(list(ball.found), np.ones(n)) for ball in self._balls]
-        at: list[dict[int, tuple[float, float]]] = [
-            {} for _ in self._balls
-        ]  # where each is, in frames that are decided
-        exchanged = [0.0 for _ in self._balls]  # likelihood that it is another by then
+        at: list[dict[int, tuple[float, float]]] = [{} for _ in self._balls]  # places in frames that are decided
+        exchanged = [0.0] * len(self._balls)  # likelihood that it is another by then
         for begin in range(0, n, LAG):
             first = max(0, begin - LAG)
             nodes, paths = self._together.paths(first, min(n, begin + 2 * LAG), at)
@@ -281,14 +280,14 @@ class FilmTracker:
                 block, begin = self._block(number, ball, i), i
                 end = i + (len(block.windows) if block else 1)
             done: list[Found] = []
-            if block is not None and i < end and measurer.memory.mean[2]:
+            if block is not None and i < end and measurer.memory.mean[FRAMES]:
                 done = measurer.follow(block, i - begin, self.shape, scene, ball.settings.search)
             if not done:
                 start = Start(track.x[i], track.y[i], track.diameter[i], float(p[WX]), float(p[WY]), False)
                 view = View(
                     self.shape, whole=partial(frames.__getitem__, i), window=self._windows[number][i], scene=scene
                 )
-                f = measurer.measure(view, start, fresh=not measurer.memory.mean[2])
+                f = measurer.measure(view, start, fresh=not measurer.memory.mean[FRAMES])
                 if f.flag or math.hypot(f.x - track.x[i], f.y - track.y[i]) > 0.35 * track.diameter[i]:
                     measurer.missed()
                     i += 1
