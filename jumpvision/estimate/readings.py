@@ -42,7 +42,7 @@ class Doubt:
 
     @property
     def values(self) -> dict[str, float]:
-        """Its numbers, for a warning."""
+        """Return its numbers, for a warning."""
         return {"rows": float(self.rows), "row": float(self.row)}
 
 
@@ -76,7 +76,7 @@ def readings(x: Array, driven: Array | None = None, *, is_set: bool = False) -> 
 
 
 def resolution(v: Array) -> float:
-    """Step of the values (n,) where all are its multiples, 0 where they are not."""
+    """Return the step of the values (n,) where all are its multiples, 0 where they are not."""
     levels = np.unique(v)
     gaps = np.diff(levels)
     gaps = gaps[gaps > 1e-9 * (levels[-1] - levels[0])]
@@ -86,7 +86,7 @@ def resolution(v: Array) -> float:
 
 
 def bends(v: Array) -> Array:
-    """Median second difference about each row (n,): the least over rows 1, 2 and 3 apart, as sources may alternate."""
+    """Return the median second difference about each row (n,): the least of rows 1, 2 and 3 apart: sources alternate."""
     out = np.full(v.size, np.inf)
     for lag in (1, 2, 3):
         second = np.abs(v[2 * lag :] - 2.0 * v[lag:-lag] + v[: -2 * lag])
@@ -122,7 +122,7 @@ Left = tuple[NDArray[np.bool_], list[Doubt]]
 
 
 def leaping(v: Array, step: float, driven: Array | None) -> Left:
-    """Values out of line with both sides, which agree with each other: single ones are left out, many are told."""
+    """Find values out of line with both sides, which agree with each other: single ones are left out, many are told."""
     least = LEAP * np.fmax(bends(v), step)
     out = np.zeros(v.size, bool)
     for width in range(1, WIDEST_SPIKE + 1):
@@ -153,7 +153,7 @@ def leaping(v: Array, step: float, driven: Array | None) -> Left:
 
 
 def runs_of(v: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """(first row, row after the last) of each stretch of two equal values or more."""
+    """Return (first row, row after the last) of each stretch of two equal values or more."""
     same = np.diff(np.r_[False, np.diff(v) == 0.0, False].astype(np.int8))
     return np.flatnonzero(same == 1), np.flatnonzero(same == -1) + 1
 
@@ -175,7 +175,7 @@ def is_noisy(v: Array, step: float, a: int, b: int) -> bool:
 
 
 def held(v: Array, step: float, driven: Array | None) -> Left:
-    """Values that stand still and then leap to where they should have been: renewed at a lower rate, or stuck."""
+    """Find values that stand still and then leap to where they should have been: renewed at a lower rate, or stuck."""
     out = np.zeros(v.size, bool)
     first, end = runs_of(v)
     d = np.abs(np.diff(v))
@@ -213,7 +213,7 @@ def held(v: Array, step: float, driven: Array | None) -> Left:
 
 
 def clipped(v: Array, step: float, driven: Array | None) -> Left:
-    """Values that pile up at the least or the greatest one, more than noise or the resolution lets them."""
+    """Find values that pile up at the least or the greatest one, more than noise or the resolution lets them."""
     out, doubts = np.zeros(v.size, bool), list[Doubt]()
     for name, end in (("greatest", float(v.max())), ("least", float(v.min()))):
         at = v == end
@@ -261,7 +261,7 @@ def only_readings(columns: Mapping[str, Array], drive: Array | None = None) -> T
 
 
 def looked(caller: str, **columns: Array) -> Table:
-    """`only_readings` of a function's arguments, the first the drive; what is no reading is told."""
+    """Look by `only_readings` through a function's arguments, the first the drive; what is no reading is told."""
     found = only_readings(columns, next(iter(columns.values())))
     for name, doubt in found.doubts:
         warnings.warn(StageWarning("reading", f"{caller}: {name} {doubt.text}", "", doubt.values), stacklevel=3)

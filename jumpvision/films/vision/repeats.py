@@ -39,7 +39,7 @@ class Repeats:
 
     @property
     def nothing_new(self) -> NDArray[np.bool_] | None:
-        """Pixels (H, W) of the last frame that hold something new: none of them where it repeats; None where all."""
+        """Return the pixels (H, W) of the last frame that hold something new: none where it repeats; None where all."""
         if self._last is None or not self._same[-1] or not self.is_noisy:
             return None
         return np.zeros(self._last.shape, bool)
@@ -51,11 +51,11 @@ class Repeats:
 
     @property
     def same(self) -> NDArray[np.bool_]:
-        """Frames equal to the one before, in a film whose noise lets no two pictures be equal."""
+        """Return the frames equal to the one before, in a film whose noise lets no two pictures be equal."""
         return np.array(self._same, bool) & self.is_noisy
 
     def of_moving(self, *places: Array) -> NDArray[np.bool_]:
-        """The same, and where the film has no such noise, those between which a place (n,) [px] leaps."""
+        """Return frames equal to the one before, in a film without such noise those between which a place (n,) [px] leaps."""
         equal, found = np.array(self._same, bool), self.same
         for place in places if equal.any() and not found.any() else ():
             known = np.flatnonzero(np.isfinite(place))
@@ -88,7 +88,7 @@ class Seen:
 
 
 def without_repeats(tracks: list[BallTrack], repeats: Repeats) -> tuple[list[BallTrack], str]:
-    """The tracks with the repeated frames flagged, and what to tell of them."""
+    """Return the tracks with the repeated frames flagged, and what to tell of them."""
     good = [np.where(b.flag == "", (b.x, b.y), np.nan) for b in tracks]
     same = repeats.of_moving(*(place for both in good for place in both))
     flagged = [replace(b, flag=np.where(same & (b.flag == ""), FLAG, b.flag).astype(object)) for b in tracks]

@@ -44,7 +44,7 @@ def scene_shift(frames: Frames) -> str:
 
 
 def _tiles(image: Image) -> Float32:
-    """Parts (n, TILE, TILE) of a picture without its smooth light, and with less noise."""
+    """Return parts (n, TILE, TILE) of a picture without its smooth light, and with less noise."""
     grey = cv2.GaussianBlur(np.nan_to_num(np.asarray(image, np.float32)), (0, 0), 1.5)
     high = np.asarray(grey - cv2.blur(grey, (TILE, TILE)), np.float32)
     starts = [np.linspace(0, n - TILE, min(n // TILE, 6)).astype(int) for n in high.shape]
@@ -52,7 +52,7 @@ def _tiles(image: Image) -> Float32:
 
 
 def _shift(a: Float32, b: Float32) -> tuple[float, float]:
-    """Column and row [px] by which most parts moved that show the same scene; 0 where they do not agree."""
+    """Return column and row [px] by which most parts moved that show the same scene; 0 where they do not agree."""
     all_of_it = np.ones_like(a)
     found = peaks(correlate(a, all_of_it, b, all_of_it))
     shown = found.height[:, 0] > ALIKE

@@ -22,7 +22,7 @@ NEAR = 0.25  # of a period, within which a match still belongs to its start
 
 
 def periods_of(grey: Float32, furthest: int) -> Array:
-    """Periods (k, 2) [px, right and down] of a picture (H, W), k = 0 to 2, that are shorter than `furthest`."""
+    """Return the periods (k, 2) [px, right and down] of a picture (H, W), k = 0 to 2, below `furthest`."""
     rows, columns = (
         np.unique(np.linspace(0, max(n - SIDE, 0), min(MOST, -(-n // SIDE))).astype(int)) for n in grey.shape
     )
@@ -35,7 +35,7 @@ def periods_of(grey: Float32, furthest: int) -> Array:
 
 
 def _periods(block: Array, furthest: int) -> tuple[float, Array]:
-    """Highest autocorrelation beyond the central peak, and the shortest periods that come near it."""
+    """Return the highest autocorrelation beyond the central peak, and the shortest periods that come near it."""
     f = block - scipy.ndimage.uniform_filter(block, 2 * furthest + 1)
     reach = [min(furthest, n // 2) for n in f.shape]
     shape = [scipy.fft.next_fast_len(n + r, real=True) for n, r in zip(f.shape, reach)]
@@ -61,7 +61,7 @@ def _periods(block: Array, furthest: int) -> tuple[float, Array]:
 
 
 def _vertex(plane: Array, j: int, i: int) -> Array:
-    """Column and row of the top of the parabolas through a peak and its neighbours."""
+    """Return column and row of the top of the parabolas through a peak and its neighbours."""
     out = []
     for a, b, c in ((plane[j, i - 1], plane[j, i], plane[j, i + 1]), (plane[j - 1, i], plane[j, i], plane[j + 1, i])):
         out.append(0.5 * (a - c) / min(a - 2.0 * b + c, -1e-12))
@@ -71,7 +71,7 @@ def _vertex(plane: Array, j: int, i: int) -> Array:
 def smallest_alike(
     pairs: Pairs, grid: Grid, start: Array, periods: Array, texture: float
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """(start (2, ny, nx) [px] with the smallest displacement of those that match alike; where there are several).
+    """Return (start (2, ny, nx) [px] with the smallest displacement of those that match alike; where several do).
 
     Matched from `start`, from all over the first cell of the lattice, and a period from the best of these; what differs
     by noise alone is alike. Of displacements as small as each other all windows take those on one side.

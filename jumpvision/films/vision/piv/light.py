@@ -84,8 +84,8 @@ def common(frames: Frames, how: str, first: int, stride: int) -> NDArray[np.floa
 
 
 def stayed(*four: Image) -> float:
-    """Of what moves between the first and the last of four evenly timed frames (H, W), the share that is still where it
-    was one frame later; what stands does not count."""
+    """Return the share that stays for a frame of what moves between the first and the last of four evenly timed frames
+    (H, W); what stands does not count."""
     high = [_high(f.astype(np.float32)) for f in four]
 
     def alike(a: int, b: int) -> float:
@@ -124,7 +124,7 @@ class MeanMotion:
 
     @property
     def share(self) -> float:
-        """Of the windows with texture that were matched."""
+        """Return the share of the windows with texture that were matched."""
         return float(self._count.sum()) / self.textured if self.textured else 1.0
 
     @property
@@ -134,7 +134,7 @@ class MeanMotion:
 
 
 def three_of(n: int, stride: int, gap: int) -> list[int]:
-    """Numbers of the first, the second and the last frame of n that are whole steps of `gap` apart; none of pairs."""
+    """Return the numbers of the first, second and last frame of n that are whole steps of `gap` apart; none of pairs."""
     return [0, gap, (n - 1) // gap * gap] if stride == 1 and n > 2 * gap else []
 
 
@@ -192,7 +192,7 @@ def standing(frames: Sequence[Image], motion: MeanMotion, n: int, gap: int) -> s
 
 
 def _high(f: NDArray[np.float32]) -> NDArray[np.float32]:
-    """A frame (H, W) without its smooth light; 0 where it is not known."""
+    """Return a frame (H, W) without its smooth light; 0 where it is not known."""
     known = np.isfinite(f)
     return np.where(known, f - _around(f, known), np.float32(0))
 
