@@ -86,7 +86,7 @@ def resolution(v: Array) -> float:
 
 
 def bends(v: Array) -> Array:
-    """Return the median second difference about each row (n,): the least of rows 1, 2 and 3 apart: sources alternate."""
+    """Return the median second difference about each row (n,): the least of rows 1, 2 and 3 apart, as sources may."""
     out = np.full(v.size, np.inf)
     for lag in (1, 2, 3):
         second = np.abs(v[2 * lag :] - 2.0 * v[lag:-lag] + v[: -2 * lag])

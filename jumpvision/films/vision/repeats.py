@@ -55,7 +55,7 @@ class Repeats:
         return np.array(self._same, bool) & self.is_noisy
 
     def of_moving(self, *places: Array) -> NDArray[np.bool_]:
-        """Return frames equal to the one before, in a film without such noise those between which a place (n,) [px] leaps."""
+        """Return frames equal to the one before, else those between which a place (n,) [px] leaps."""
         equal, found = np.array(self._same, bool), self.same
         for place in places if equal.any() and not found.any() else ():
             known = np.flatnonzero(np.isfinite(place))

@@ -134,7 +134,7 @@ class MeanMotion:
 
 
 def three_of(n: int, stride: int, gap: int) -> list[int]:
-    """Return the numbers of the first, second and last frame of n that are whole steps of `gap` apart; none of pairs."""
+    """Return the numbers of the first, second and last frame of n that are steps of `gap` apart; none of pairs."""
     return [0, gap, (n - 1) // gap * gap] if stride == 1 and n > 2 * gap else []
 
 
