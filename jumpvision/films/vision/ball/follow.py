@@ -31,7 +31,6 @@ CLICK = 0.25  # diameters: scatter of a click about the ball's centre
 CENTRE = 0.1  # diameters: scatter of a candidate's centre; of a measurement a fifth
 ROUND = 0.3  # diameters: length of a ball's outline that noise makes
 LONG = 0.28  # of what is longer than the ball: where one of two in one outline may be, off its centre
-AT_CLICK = 0.3, 0.5  # scatter of the logarithms of diameter and contrast about those at the click
 FEW = 3  # rows that teach how a ball looks: by fewer none is refused
 EXPECTED = 4.0  # nats that a measurement where it was expected is above a candidate
 
@@ -358,8 +357,7 @@ class Balls:
 
 
 def _candidate_at_click(ball: Ball, spots: Spots, image: Image) -> Spots:
-    """Return the click as a candidate of the first frame: it is one, whatever is there. The ball looks as what is there
-    does."""
+    """Return the click as a candidate of the first frame: it is one, whatever is there."""
     assert ball.settings.seed is not None
     x, y = ball.settings.seed
     off = np.hypot(spots.x - x, spots.y - y) / spots.d
@@ -368,9 +366,6 @@ def _candidate_at_click(ball: Ball, spots: Spots, image: Image) -> Spots:
     wx = wy = 0.0
     if near >= 0 and off[near] < 0.6:
         wx, wy = float(spots.wx[near]), float(spots.wy[near])
-        if math.hypot(wx, wy) < ROUND * spots.d[near]:
-            ball.size = math.log(spots.d[near]), AT_CLICK[0]
-            ball.light = math.log(spots.contrast[near]), AT_CLICK[1]
     row, column = (int(np.clip(round(v), 0, n - 1)) for v, n in ((y, image.shape[0]), (x, image.shape[1])))
     contrast = max(1e-6, ball.sign * (float(image[row, column]) - float(np.nanmedian(image))))
     return Spots(*(np.array([v]) for v in (x, y, d, contrast, wx, wy, 0.9, 0.0)))
