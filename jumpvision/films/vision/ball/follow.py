@@ -360,15 +360,11 @@ def _candidate_at_click(ball: Ball, spots: Spots, image: Image) -> Spots:
     """Return the click as a candidate of the first frame: it is one, whatever is there."""
     assert ball.settings.seed is not None
     x, y = ball.settings.seed
-    off = np.hypot(spots.x - x, spots.y - y) / spots.d
-    near = int(np.argmin(off)) if off.size else -1
+    near = int(np.argmin(np.hypot(spots.x - x, spots.y - y))) if spots.x.size else -1
     d = ball.settings.diameter or (float(spots.d[near]) if near >= 0 else 2.0 * SMALLEST_BALL)
-    wx = wy = 0.0
-    if near >= 0 and off[near] < 0.6:
-        wx, wy = float(spots.wx[near]), float(spots.wy[near])
     row, column = (int(np.clip(round(v), 0, n - 1)) for v, n in ((y, image.shape[0]), (x, image.shape[1])))
     contrast = max(1e-6, ball.sign * (float(image[row, column]) - float(np.nanmedian(image))))
-    return Spots(*(np.array([v]) for v in (x, y, d, contrast, wx, wy, 0.9, 0.0)))
+    return Spots(*(np.array([v]) for v in (x, y, d, contrast, 0.0, 0.0, 0.9, 0.0)))
 
 
 def _spread(values: Array, least: float) -> tuple[float, float]:
